@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 STAGES = {
     "geometry: structure from motion": ("sfm.pipeline.reconstruct",),
-    "geometry: cameras from tracks": ("decoder.side_information.tracked_scene.estimate_geometry",),
+    "geometry: cameras from tracks": ("decoder.side_information.methods.estimate_geometry",),
     "depth: plane sweep": ("dvc.geometry.depth_maps._swept",),
     "depth: consistency, continuation, edges": (
         "dvc.geometry.depth_maps.checked_depth",
@@ -32,8 +32,8 @@ STAGES = {
         "dvc.geometry.depth_maps._aligned",
     ),
     "rendering": ("decoder.side_information.scene_interpolators.render_between",),
-    "corrections by tracks": ("decoder.side_information.tracked_scene.corrected",),
-    "prediction only by tracks": ("decoder.side_information.tracked_scene.interpolate_by_tracks",),
+    "corrections by tracks": ("decoder.side_information.methods.corrected",),
+    "prediction only by tracks": ("decoder.side_information.methods.interpolate_by_tracks",),
     "rest of the prediction": ("decoder.group.GroupDecoder._predict",),
     "refinement: block search": ("decoder.side_information.block_motion._search",),
     "refinement: rest": ("decoder.side_information.block_motion.BlockRefiner.refine",),

@@ -7,15 +7,15 @@ that this process holds one at a time.
 
 import uuid
 from collections import deque
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterator
 from contextlib import suppress
 from functools import cache
 from multiprocessing.connection import wait
 from typing import TYPE_CHECKING
 
-from decoder.group_tasks import DecodedGroup, GroupTask, Losses
+from decoder.group_tasks import DecodedGroup, GroupTask, Losses, Reader
 from decoder.processes import decoding_process
-from decoder.session import Reader, check_stream, stream_tasks
+from decoder.session import check_stream, stream_tasks
 from dvc.config import CodecConfig
 from dvc.dask_cluster import OTHER_CODE, failure_text, require_workers
 from dvc.errors import BitstreamError, DvcError
@@ -46,67 +46,59 @@ def decode_on_cluster(
     """Decode a stream on the workers of a cluster; otherwise as `decoder.session.decode_stream`."""
     limits = limits or Limits()
     check_stream(config, reader, _LIKE_JOBS, frames, limits)
-    tasks = stream_tasks(config, reader, frames, limits, losses)
-    return _GroupsOnCluster(client, tasks, losses).decode()
+    return _decoded_in_order(client, stream_tasks(config, reader, frames, limits, losses), losses)
 
 
-class _GroupsOnCluster:
-    """Groups that were submitted to a cluster: just enough to keep its threads busy."""
+def _decoded_in_order(
+    client: "Client", tasks: Iterator[GroupTask], losses: Losses | None
+) -> Generator[DecodedGroup]:
+    """Decode groups, no more than keep the threads of a cluster busy; raise errors after all before them."""
+    digest, run = codec_digest(), uuid.uuid4().hex[:8]
+    is_finished = False
+    failure: BitstreamError | None = None  # ends the stream
+    futures: deque[tuple[Future[DecodedGroup | Exception], GroupTask]] = deque()
 
-    def __init__(self, client: "Client", tasks: Iterable[GroupTask], losses: Losses | None) -> None:
-        self._client, self._tasks, self._losses = client, iter(tasks), losses
-        self._digest, self._run = codec_digest(), uuid.uuid4().hex[:8]
-        self._finished = False
-        self._failure: BitstreamError | None = None  # what ended the stream
-        self._futures: deque[tuple[Future[DecodedGroup | Exception], GroupTask]] = deque()
-
-    def decode(self) -> Generator[DecodedGroup]:
-        """Decode in order of display; what ends the run is raised after all groups before it."""
-        try:
-            self._submit()
-            while self._futures:
-                group, (_, task) = self._result(self._futures[0][0]), self._futures.popleft()
-                self._submit()
-                if isinstance(group, BitstreamError) and self._losses is not None:
-                    group = self._losses.rest_of(task, group)
-                if isinstance(group, Exception):
-                    raise group
-                yield group
-            if self._failure is not None:
-                raise self._failure
-        finally:
-            self._client.cancel([future for future, _ in self._futures])
-
-    def _submit(self) -> None:
-        """Submit as many groups as the cluster has room for."""
-        max_open = GROUPS_PER_THREAD * max(sum(self._client.nthreads().values()), 1)
-        while not self._finished and len(self._futures) < max_open:
+    def _submit() -> None:
+        nonlocal is_finished, failure
+        max_open = GROUPS_PER_THREAD * max(sum(client.nthreads().values()), 1)
+        while not is_finished and len(futures) < max_open:
             try:
-                task = next(self._tasks, None)
+                task = next(tasks, None)
             except BitstreamError as err:
-                self._failure, task = err, None
-            self._finished = task is None
+                failure, task = err, None
+            is_finished = task is None
             if task is not None:
-                key = f"decode-{self._run}-{task.number}"
-                future = self._client.submit(decode_group, task, self._digest, key=key)
-                self._futures.append((future, task))
+                key = f"decode-{run}-{task.number}"
+                futures.append((client.submit(decode_group, task, digest, key=key), task))
 
-    def _result(self, future: "Future[DecodedGroup | Exception]") -> DecodedGroup | Exception:
-        try:
-            while not self._has_ended(future):
-                require_workers(self._client)
-            group: DecodedGroup | Exception = future.result()
-        except Exception as err:
-            raise DvcError(failure_text(err, "decoded the same group of pictures")) from err
-        return group
+    try:
+        _submit()
+        while futures:
+            group, (_, task) = _result(client, futures[0][0]), futures.popleft()
+            _submit()
+            if isinstance(group, BitstreamError) and losses is not None:
+                group = losses.rest_of(task, group)
+            if isinstance(group, Exception):
+                raise group
+            yield group
+        if failure is not None:
+            raise failure
+    finally:
+        client.cancel([future for future, _ in futures])
 
-    @staticmethod
-    def _has_ended(future: "Future[DecodedGroup | Exception]") -> bool:
-        """Wait for a group, for a while."""
-        with suppress(TimeoutError):
-            future.exception(timeout=PATIENCE_S)
-            return True
-        return False
+
+def _result(client: "Client", future: "Future[DecodedGroup | Exception]") -> DecodedGroup | Exception:
+    """Wait for a group; now and then check that the cluster has workers."""
+    try:
+        while True:
+            with suppress(TimeoutError):
+                future.exception(timeout=PATIENCE_S)
+                break
+            require_workers(client)
+        group: DecodedGroup | Exception = future.result()
+    except Exception as err:
+        raise DvcError(failure_text(err, "decoded the same group of pictures")) from err
+    return group
 
 
 def decode_group(task: GroupTask, digest: str) -> DecodedGroup | Exception:
@@ -114,24 +106,19 @@ def decode_group(task: GroupTask, digest: str) -> DecodedGroup | Exception:
     try:
         if {_loaded_digest(), codec_digest()} != {digest}:
             raise DvcError(OTHER_CODE)
-        return _decoded(task)
+        if not task.record.wyner_ziv:
+            return DecodedGroup.of(task, [])
+        is_executing = _is_executing()
+        with decoding_process() as process:
+            process.submit(task)
+            while not wait([process], POLL_S):  # type: ignore[list-item]
+                if not is_executing():
+                    raise DvcError("the task was cancelled")
+            _, outcome = process.receive()
+        assert isinstance(outcome, DecodedGroup | Exception)  # records answer all requests
+        return outcome
     except Exception as err:  # is raised after the groups before it
         return err
-
-
-def _decoded(task: GroupTask) -> DecodedGroup | Exception:
-    """Decode a group until it is cancelled."""
-    if not task.record.wyner_ziv:
-        return DecodedGroup.of(task, [])
-    is_executing = _is_executing()
-    with decoding_process() as process:
-        process.submit(task)
-        while not wait([process], POLL_S):  # type: ignore[list-item]
-            if not is_executing():
-                raise DvcError("the task was cancelled")
-        _, outcome = process.receive()
-    assert isinstance(outcome, DecodedGroup | Exception)  # records answer all requests
-    return outcome
 
 
 @cache

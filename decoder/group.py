@@ -1,18 +1,18 @@
 """Decoding of the Wyner-Ziv frames of one group of pictures between decoded key frames."""
 
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
+from decoder.frame_state import Learned
 from decoder.group_tasks import Bits, DecodedFrame, DecodedGroup, GroupTask
-from decoder.plane_choice import Allowance, GroupAllowance, Learned
 from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame
-from decoder.wyner_ziv import WynerZivDecoder, decode_level
+from decoder.wyner_ziv import Allowance, WynerZivDecoder, decode_level
 from dvc import slepian_wolf
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError, DvcError
@@ -57,27 +57,17 @@ class _GroupState:
     points: Points
     decoded: dict[int, ReferenceFrame]  # by display position
 
-    def payload(self, index: int) -> bytes:
-        """Return the payload of a frame."""
-        return self.task.record.wyner_ziv[index - self.task.first_index]
-
-    def usable(self, around: Around, references: str) -> list[ReferenceFrame]:
-        """Return the references of a frame, key frames included: all, or those around it."""
-        decoded = self.decoded
-        usable = decoded if references == "all" else {min(decoded), *around, max(decoded)}
-        return [decoded[index] for index in sorted(usable)]
-
 
 GroupCoroutine = Generator[Round | LevelBegins, Sequence[Bits], DecodedGroup]
 """Yields requests and receives their bits; receives nothing at the start of a level."""
 
 
-def single_prediction(found: object, shape: tuple[int, ...], method: str) -> Prediction:
+def single_prediction(result: object, shape: tuple[int, ...], method: str) -> Prediction:
     """Check and return the prediction of one frame, since plug-in methods may return anything."""
     named = f"side information {method!r}"
-    if not isinstance(found, Sequence) or len(found) != 1 or not isinstance(found[0], Prediction):
+    if not isinstance(result, Sequence) or len(result) != 1 or not isinstance(result[0], Prediction):
         raise DvcError(f"{named}: expected a list of one prediction for one instant")
-    prediction: Prediction = found[0]
+    prediction: Prediction = result[0]
     if not prediction.compensated:
         raise DvcError(f"{named}: expected a compensated reference at least")
     finite = prediction.luma, *prediction.compensated
@@ -93,11 +83,31 @@ def single_prediction(found: object, shape: tuple[int, ...], method: str) -> Pre
     return prediction
 
 
-def _order(task: GroupTask, config: CodecConfig) -> list[list[tuple[int, Around]]]:
-    """Return the Wyner-Ziv frames of a group in order of decoding, by levels, with their references."""
-    references = config.gop.references
-    order = decoding_order(task.first_index - 1, task.last_index, references != "keys")
-    return [[place] for place in order] if references == "all" else levels(order)
+HEADROOM = 1.25
+"""Factor on the share of the remaining bits that a level may request if further levels follow."""
+
+
+class GroupAllowance:
+    """Bits that the frames of a group may still request."""
+
+    def __init__(self, stated_bits: Mapping[int, int] | None) -> None:
+        # Limits of frames that are not decoded yet, as the encoder states them; None without limits.
+        self._stated = None if stated_bits is None else dict(stated_bits)
+        self._left = 0.0 if stated_bits is None else float(sum(stated_bits.values()))
+
+    def begin_level(self, frames: Sequence[int]) -> list[Allowance]:
+        """Return the allowances of frames that are decoded side by side."""
+        if self._stated is None:
+            return [Allowance() for _ in frames]
+        whole = sum(self._stated.values())
+        stated = [self._stated.pop(frame) for frame in frames]
+        headroom = min(HEADROOM * sum(stated), whole) / max(sum(stated), 1)
+        per_bit = headroom * max(self._left, 0.0) / max(whole, 1)
+        return [Allowance(per_bit * bits) for bits in stated]
+
+    def end_level(self, num_bits: int) -> None:
+        """Subtract the bits that a level requested."""
+        self._left -= num_bits
 
 
 class GroupDecoder:
@@ -121,22 +131,41 @@ class GroupDecoder:
             return DecodedGroup.of(task, [])
         if task.before is None:
             raise BitstreamError("Wyner-Ziv frames without a frame before them")
+        config, layout = self._config, self._decoder.layout
         keys = task.before, ReferenceFrame(task.last_index, task.key)
-        points = self._received(task.record.tracks, task.record.num_frames - 1)
+        points: Points = None
+        tracks, num_frames = task.record.tracks, task.record.num_frames - 1
+        if tracks:
+            if config.tracks.kind == "none":
+                raise BitstreamError("tracks in a stream with a configuration without tracks")
+            if config.tracks.kind == "encoder":
+                points = decode_tracks(tracks, num_frames + 2, config)
+            else:
+                points = decode_points(tracks, num_frames, config)
         state = _GroupState(task, points, {key.index: key for key in keys})
+        order = decoding_order(task.first_index - 1, task.last_index, config.gop.references != "keys")
+        ordered = [[frame] for frame in order] if config.gop.references == "all" else levels(order)
+        stated_bits = None
+        if layout.limited:
+            headers = map(layout.read_header, task.record.wyner_ziv)
+            stated_bits = {
+                index: header.told_bits or 0 for index, header in enumerate(headers, task.first_index)
+            }
         frames: list[DecodedFrame] = []
-        learned, order = self._decoder.nothing_learned(), _order(task, self._config)
-        allowance = GroupAllowance(self._stated_bits(task))
-        for levels_left, level in zip(range(len(order), 0, -1), order, strict=True):
+        learned, allowance = self._decoder.nothing_learned(), GroupAllowance(stated_bits)
+        frame_px = config.video.width * config.video.height
+        in_step = max(MAX_LEVEL_PX // frame_px, 1) if self._decoder.coder.by_positions else 1
+        for levels_left, level in zip(range(len(ordered), 0, -1), ordered, strict=True):
             allowed = allowance.begin_level([index for index, _ in level])
             planned = [
                 PlannedFrame(index, around, learned.copy(), bits)
                 for (index, around), bits in zip(level, allowed, strict=True)
             ]
             decoded: list[DecodedFrame] = []
-            for part in self._parts(planned):
+            for first in range(0, len(planned), in_step):
+                part = planned[first : first + in_step]
                 indices = tuple(frame.index for frame in part)
-                yield LevelBegins((-levels_left, task.number), indices, len(indices) * self._frame_px)
+                yield LevelBegins((-levels_left, task.number), indices, len(indices) * frame_px)
                 if task.form is Form.NO_FEEDBACK:
                     decoded += [self._predicted(state, frame) for frame in part]
                 else:
@@ -150,27 +179,10 @@ class GroupDecoder:
             _check_agreement(group.record, task.record)
         return group
 
-    @property
-    def _frame_px(self) -> int:
-        return self._config.video.width * self._config.video.height
-
-    def _parts(self, level: Sequence[PlannedFrame]) -> list[Sequence[PlannedFrame]]:
-        """Divide the frames of a level into those that are decoded in step."""
-        count = max(MAX_LEVEL_PX // self._frame_px, 1) if self._decoder.coder.by_positions else 1
-        return [level[first : first + count] for first in range(0, len(level), count)]
-
-    def _stated_bits(self, task: GroupTask) -> dict[int, int] | None:
-        """Return how much the encoder allows because of each frame, if it does not allow all."""
-        layout = self._decoder.layout
-        if not layout.limited:
-            return None
-        headers = map(layout.read_header, task.record.wyner_ziv)
-        return {index: header.told_bits or 0 for index, header in enumerate(headers, task.first_index)}
-
     def _predicted(self, state: _GroupState, frame: PlannedFrame) -> DecodedFrame:
         """Return a frame that consists of its prediction."""
         started = time.perf_counter()
-        if state.payload(frame.index):
+        if state.task.record.wyner_ziv[frame.index - state.task.first_index]:
             raise BitstreamError("a Wyner-Ziv frame of a stream without feedback is not empty")
         decoded = self._decoder.predicted(frame.index, self._predict(state, frame))
         return replace(decoded, decode_s=time.perf_counter() - started)
@@ -182,7 +194,7 @@ class GroupDecoder:
         started, layout, coder = time.perf_counter(), self._decoder.layout, self._decoder.coder
         headers, coroutines = [], {}
         for frame in part:
-            payload = state.payload(frame.index)
+            payload = state.task.record.wyner_ziv[frame.index - state.task.first_index]
             quantization = layout.read_header(payload)
             headers.append(payload[: len(quantization.header)])
             # No variable holds the prediction: its planes take as much memory as all else of a frame.
@@ -202,20 +214,14 @@ class GroupDecoder:
         ]
 
     def _predict(self, state: _GroupState, frame: PlannedFrame) -> Prediction:
-        usable = state.usable(frame.around, self._config.gop.references)
-        found = self._method.predict(usable, state.points, [frame.index])
-        return single_prediction(found, usable[0].frame.luma.shape, self._config.side_information.method)
-
-    def _received(self, tracks: bytes, num_frames: int) -> Points:
-        """Read the points of a group."""
-        kind = self._config.tracks.kind
-        if kind == "none" and tracks:
-            raise BitstreamError("tracks in a stream with a configuration without tracks")
-        if not tracks:
-            return None
-        if kind == "encoder":
-            return decode_tracks(tracks, num_frames + 2, self._config)
-        return decode_points(tracks, num_frames, self._config)
+        """Predict a frame from all decoded ones, or from key frames and those around it."""
+        decoded = state.decoded
+        if self._config.gop.references != "all":
+            decoded = {index: decoded[index] for index in {min(decoded), *frame.around, max(decoded)}}
+        references = [decoded[index] for index in sorted(decoded)]
+        result = self._method.predict(references, state.points, [frame.index])
+        shape = references[0].frame.luma.shape
+        return single_prediction(result, shape, self._config.side_information.method)
 
 
 class RecordedGroup:
@@ -231,21 +237,17 @@ class RecordedGroup:
         if isinstance(asked, LevelBegins):
             self._level, self._source = asked.frames, None
             return ()
-        self._source = self._source or self._opened()
+        if self._source is None:
+            task, first = self._task, min(self._level)
+            payloads = {index: task.record.wyner_ziv[index - task.first_index] for index in self._level}
+            if task.form is not Form.BUFFERED:
+                self._source = PuncturedFrame(self._layout, payloads[first]).answer
+            else:
+                buffer = EncoderBuffer(self._layout, self._coder, max(self._level) - first + 1)
+                for index, payload in payloads.items():
+                    buffer.enter(index - first, EncodedFrame.read(self._layout, payload))
+                self._source = partial(buffer.answer_round, first_frame=first)
         return self._source(asked)
-
-    def _opened(self) -> Answer:
-        """Read the payloads of a level."""
-        first = min(self._level)
-        payloads = {
-            index: self._task.record.wyner_ziv[index - self._task.first_index] for index in self._level
-        }
-        if self._task.form is not Form.BUFFERED:
-            return PuncturedFrame(self._layout, payloads[first]).answer
-        buffer = EncoderBuffer(self._layout, self._coder, max(self._level) - first + 1)
-        for index, payload in payloads.items():
-            buffer.enter(index - first, EncodedFrame.read(self._layout, payload))
-        return partial(buffer.answer_round, first_frame=first)
 
 
 def _check_agreement(needed: GopRecord, sent: GopRecord) -> None:

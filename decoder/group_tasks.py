@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,11 @@ from decoder.side_information.protocol import ReferenceFrame
 from dvc.arrays import Bytes, Floats
 from dvc.config import VideoConfig
 from dvc.errors import BitstreamError
-from dvc.stream import Form, GopRecord, StreamIndex, frame_times_s
+from dvc.stream import Form, GopRecord, RecordingReader, StreamReader, frame_times_s
 from dvc.video import Frame
 
 Bits = Bytes
+Reader = StreamReader | RecordingReader
 
 
 @dataclass(frozen=True)
@@ -141,17 +142,6 @@ MAX_NAMED = 20
 """Number of runs of lost frames that a message names; further ones are counted."""
 
 
-class Resumable(Protocol):
-    """A reader that can continue behind a damaged group of pictures."""
-
-    @property
-    def index(self) -> StreamIndex:
-        """All groups of pictures."""
-
-    def seek_gop(self, number: int) -> None:
-        """Continue reading with a certain group."""
-
-
 class Losses:
     """Lost frames among the requested ones."""
 
@@ -171,7 +161,7 @@ class Losses:
         self.add(range(task.first_index, task.last_index), damage)
         return DecodedGroup.of(task.key_alone(), [])
 
-    def pass_over(self, reader: Resumable, number: int, damage: BitstreamError) -> GopRecord | None:
+    def pass_over(self, reader: Reader, number: int, damage: BitstreamError) -> GopRecord | None:
         """Continue reading behind a damaged group; return its remains, or None at the end."""
         with suppress(BitstreamError):
             entries = reader.index.entries

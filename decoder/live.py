@@ -1,9 +1,8 @@
 """The decoder's end of a live run: groups of pictures and bits from an encoder behind a connection.
 
-Groups do not depend on each other: many are in flight, so that the round-trip time to the encoder is waited
-for once for all of them, not once for each request. The requests, and so every bit, are the same as if groups
-were decoded one after the other. Many requests go in one message: each message costs the encoder, which
-should be cheap, more than the bits that it requests.
+Many groups are in flight, so that the round-trip time to the encoder is waited for once for all of them. The
+requests, and so every bit, are the same as if groups were decoded one after the other. Many requests go in
+one message: each message costs the encoder, which should be cheap, more than the bits that it requests.
 """
 
 import secrets
@@ -146,13 +145,6 @@ class LiveSource:
         self.num_asked = 0
         return True
 
-    def receive(self) -> Sequence[Event]:
-        """Return the events of the bytes that have come, without waiting."""
-        events = self.endpoint.receive(self.connection.receive(0.0))
-        if events:
-            self.heard_s = time.monotonic()
-        return events
-
     def flush(self) -> None:
         """Send the messages of the endpoint."""
         self.connection.send(self.endpoint.bytes_to_send())
@@ -242,8 +234,17 @@ class LiveGroups:
             match event:
                 case Gop() if not self._damaged:
                     self._arrived_s[event.number] = time.monotonic()
+                    tasks, number = self._source.tasks, event.number
                     try:
-                        yield self._task(event)
+                        if number not in tasks:  # its key frame is decoded when it comes for the first time
+                            tasks[number] = self._task_of(event)
+                        elif tasks[number].record != event.record:
+                            raise BitstreamError(
+                                f"group of pictures {number} differs from the one that came before"
+                            )
+                        else:
+                            self._source.report.groups_sent_again += 1
+                        yield tasks[number]
                     except BitstreamError as err:
                         self._damaged = True
                         yield err
@@ -251,17 +252,6 @@ class LiveGroups:
                     self._held.answered((frame, run))
                     self._source.num_asked -= 1
                     yield event
-
-    def _task(self, gop: Gop) -> GroupTask:
-        """Return the task of a group; its key frame is decoded when it comes for the first time."""
-        tasks = self._source.tasks
-        if gop.number not in tasks:
-            tasks[gop.number] = self._task_of(gop)
-        elif tasks[gop.number].record != gop.record:
-            raise BitstreamError(f"group of pictures {gop.number} differs from the one that came before")
-        else:
-            self._source.report.groups_sent_again += 1
-        return tasks[gop.number]
 
     def wait(self, processes: Sequence[DecodingProcess]) -> Iterator[DecodingProcess]:
         """Wait for the encoder, for processes or for the end of a pause; then send requests."""
@@ -277,7 +267,10 @@ class LiveGroups:
             if ready in self._stop:
                 raise KeyboardInterrupt
             if ready is connection:
-                self._events += source.receive()
+                events = self._endpoint.receive(connection.receive(0.0))
+                if events:
+                    source.heard_s = time.monotonic()
+                self._events += events
             else:
                 yield ready
                 self._held.stepped(ready.step_s)

@@ -31,11 +31,15 @@ EXAMPLES = """\
   dvc-decode --connect 127.0.0.1:5000 out.mkv                   decode live from `dvc-encode --serve`
 """
 CONSTRAINTS = (
-    *(cli.Constraint(name, needs=("--connect",)) for name in ("--token-file", "--insecure")),
-    *(cli.Constraint(name, needs=("--connect",)) for name in ("--tls-ca", "--fingerprint")),
+    *(
+        cli.Constraint(name, needs=("--connect",))
+        for name in ("--token-file", "--insecure", "--tls-ca", "--fingerprint")
+    ),
     cli.Constraint("--frames", excludes=("--connect", "--punctured"), why="it selects a part of a file"),
-    cli.Constraint("--unfinished", excludes=("--connect",), why="a live run keeps its decoded frames"),
-    cli.Constraint("--salvage", excludes=("--connect",), why="a live run keeps its decoded frames"),
+    *(
+        cli.Constraint(name, excludes=("--connect",), why="a live run keeps its decoded frames")
+        for name in ("--unfinished", "--salvage")
+    ),
     cli.Constraint("--dask", excludes=("--connect",), why="an encoder serves one decoder"),
     cli.Constraint("--view-port", needs=("--view",)),
     cli.Constraint("--mapper", needs=("--scene",)),
@@ -45,71 +49,65 @@ CONSTRAINTS = (
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     parser = cli.ArgumentParser(PROG, "Decode a stream of dvc-encode.", EXAMPLES)
-    parser.add_argument(
-        "files",
-        metavar="INPUT OUTPUT",
-        nargs="+",
-        help="stream (.dvc), or folder of a recording's segments, and video to write (.y4m, .mkv, .mp4); with"
-        " --connect only the video",
+    files = (
+        "stream (.dvc), or folder of a recording's segments, and video to write (.y4m, .mkv, .mp4); with"
+        " --connect only the video"
     )
+    parser.add_argument("files", metavar="INPUT OUTPUT", nargs="+", help=files)
     live = parser.add_argument_group("live")
     cli.add_live(live, "--connect", "decode live from `dvc-encode --serve HOST:PORT`")
-    live.add_argument(
-        "--tls-ca",
-        metavar="FILE",
-        help="use TLS; the certificate of the encoder is signed by one of these (PEM)",
+    authority = "use TLS; the certificate of the encoder is signed by one of these (PEM)"
+    live.add_argument("--tls-ca", metavar="FILE", help=authority)
+    fingerprint = "use TLS; the certificate of the encoder has this fingerprint"
+    live.add_argument("--fingerprint", metavar="SHA256", help=fingerprint)
+    add = parser.add_argument_group("prediction, instead of the settings of the stream").add_argument
+    methods = dict.fromkeys(["mci", "blocks", "mesh", "depth", "fused", *installed(SIDE_INFORMATION)])
+    method = f"predict with METHOD ({', '.join(methods)}) instead of that of the stream"
+    add("--side-information", metavar="METHOD", help=method)
+    backend = "backend of the scene reconstruction, instead of that of the stream"
+    add("--sfm", choices=SFM_BACKENDS, help=backend)
+    regularity = "smooth the camera's path between key frames, by tracks (0: not at all)"
+    add("--path-regularity", type=float, metavar="W", help=regularity)
+    corrections = "move predicted pixels as neighbouring tracks agree, instead of as the stream specifies"
+    add("--track-corrections", action=argparse.BooleanOptionalAction, help=corrections)
+    fallback = (
+        "prediction from points besides and without a model of the scene, instead of that of the stream"
     )
-    live.add_argument(
-        "--fingerprint", metavar="SHA256", help="use TLS; the certificate of the encoder has this fingerprint"
-    )
-    _add_prediction(parser)
+    add("--fallback", choices=FALLBACKS, help=fallback)
     _add_outputs(parser)
     _add_decoding(parser)
     return parser
 
 
 def _add_decoding(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--frames",
-        type=_frame_slice,
-        metavar="A:B",
-        help="decode frames A to B-1, counted from 0, and only the groups of pictures that they need (files"
-        " only); A: means to the end, :B from the beginning",
+    frames = (
+        "decode frames A to B-1, counted from 0, and only the groups of pictures that they need (files"
+        " only); A: means to the end, :B from the beginning"
     )
+    parser.add_argument("--frames", type=_frame_slice, metavar="A:B", help=frames)
     where = parser.add_mutually_exclusive_group()
     cli.add_integer(where, "--jobs", (1, 256), "processes that decode at the same time", default=1)
-    where.add_argument(
-        "--dask",
-        metavar="ADDRESS",
-        help="decode on the workers of a Dask cluster, such as tcp://127.0.0.1:8786 (files only)",
-    )
-    parser.add_argument(
-        "--salvage",
-        action="store_true",
-        help="keep the frames of a damaged stream that are whole, and name those that are lost: a damaged key"
+    dask = "decode on the workers of a Dask cluster, such as tcp://127.0.0.1:8786 (files only)"
+    where.add_argument("--dask", metavar="ADDRESS", help=dask)
+    salvage = (
+        "keep the frames of a damaged stream that are whole, and name those that are lost: a damaged key"
         " frame costs all frames up to the next IDR picture (exit status 2 all the same; files only:"
-        " what a live run has decoded when it ends early stays as OUTPUT.part, with exit status 3)",
+        " what a live run has decoded when it ends early stays as OUTPUT.part, with exit status 3)"
     )
-    parser.add_argument(
-        "--unfinished",
-        action="store_true",
-        help="decode the finished groups of pictures of a stream that lacks its end (a .part that is still"
-        " being written, or was left by a power cut) and name the missing part (exit status 0; files only)",
+    parser.add_argument("--salvage", action="store_true", help=salvage)
+    unfinished = (
+        "decode the finished groups of pictures of a stream that lacks its end (a .part that is still"
+        " being written, or was left by a power cut) and name the missing part (exit status 0; files only)"
     )
+    parser.add_argument("--unfinished", action="store_true", help=unfinished)
     allowed = (
         "refuse streams with more than N frames, and end a live run before there are more"
         " (default: a million, and no more than fit the size of the stream, some thousand pixels a byte; any"
         " number in live runs)"
     )
     cli.add_integer(parser, "--max-frames", (1, 10**9), allowed)
-    cli.add_integer(
-        parser,
-        "--max-memory",
-        (1, 2**24),
-        "refuse streams with headers that demand more memory than this, in MiB",
-        default=MAX_MEMORY_MIB,
-        metavar="MIB",
-    )
+    memory = "refuse streams with headers that demand more memory than this, in MiB"
+    cli.add_integer(parser, "--max-memory", (1, 2**24), memory, default=MAX_MEMORY_MIB, metavar="MIB")
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
 
 
@@ -121,65 +119,27 @@ def _frame_slice(text: str) -> slice:
     return slice(first, end)
 
 
-def _add_prediction(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument_group("prediction, instead of the settings of the stream").add_argument
-    ours = "mci", "blocks", "mesh", "depth", "fused"
-    methods = dict.fromkeys([*ours, *installed(SIDE_INFORMATION)])
-    add(
-        "--side-information",
-        metavar="METHOD",
-        help=f"predict with METHOD ({', '.join(methods)}) instead of that of the stream",
-    )
-    add(
-        "--sfm",
-        choices=SFM_BACKENDS,
-        help="backend of the scene reconstruction, instead of that of the stream",
-    )
-    add(
-        "--path-regularity",
-        type=float,
-        metavar="W",
-        help="smooth the camera's path between key frames, by tracks (0: not at all)",
-    )
-    add(
-        "--track-corrections",
-        action=argparse.BooleanOptionalAction,
-        help="move predicted pixels as neighbouring tracks agree, instead of as the stream specifies",
-    )
-    add(
-        "--fallback",
-        choices=FALLBACKS,
-        help="prediction from points besides and without a model of the scene, instead of that of the stream",
-    )
-
-
 def _add_outputs(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("further outputs, and the original to compare with")
     add = group.add_argument
-    add(
-        "--punctured",
-        metavar="FILE",
-        help="write the stream of the needed bits only (.dvc); its size is the rate",
+    punctured = "write the stream of the needed bits only (.dvc); its size is the rate"
+    add("--punctured", metavar="FILE", help=punctured)
+    predictions = (
+        "write the predictions before anything of a frame is decoded, luma only (.y4m, .mkv);"
+        " key frames as they are"
     )
-    add(
-        "--side-information-video",
-        metavar="FILE",
-        help="write the predictions before anything of a frame is decoded, luma only (.y4m, .mkv);"
-        " key frames as they are",
-    )
-    add(
-        "--scene",
-        metavar="DIR",
-        help="map the scene out of the decoded frames into a new folder: cameras, depth, points, and a page"
+    add("--side-information-video", metavar="FILE", help=predictions)
+    scene = (
+        "map the scene out of the decoded frames into a new folder: cameras, depth, points, and a page"
         " to fly through it (docs/scene.md); of a live run that ends early, out of its part; OUTPUT must"
-        " be .y4m or .mkv",
+        " be .y4m or .mkv"
     )
-    add(
-        "--view",
-        action="store_true",
-        help="serve a page to this machine that shows frames, predictions, depth, the camera's path and bits"
-        " while they are decoded, and after that until Ctrl-C",
+    add("--scene", metavar="DIR", help=scene)
+    view = (
+        "serve a page to this machine that shows frames, predictions, depth, the camera's path and bits"
+        " while they are decoded, and after that until Ctrl-C"
     )
+    add("--view", action="store_true", help=view)
     port = "port of the page of --view (0: any that is free); default: 0"
     cli.add_integer(group, "--view-port", (0, 65535), port, metavar="PORT")
     mapper = "mapper that estimates the cameras of --scene; default: native"
@@ -188,11 +148,8 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
     first = "frame of ORIGINAL that was coded first"
     cli.add_integer(group, "--reference-start", (0, 10**9), first, default=0, metavar="K")
     add("--size", type=cli.parse_size, metavar="WxH", help="picture size of a raw ORIGINAL")
-    add(
-        "--json",
-        metavar="FILE",
-        help="write bits, PSNR and times of every frame and totals (-: standard output)",
-    )
+    report = "write bits, PSNR and times of every frame and totals (-: standard output)"
+    add("--json", metavar="FILE", help=report)
 
 
 def check(arguments: argparse.Namespace) -> None:
@@ -252,15 +209,15 @@ def with_choices(config: "CodecConfig", arguments: argparse.Namespace) -> "Codec
     prediction = {"method": method}
     prediction |= {name: getattr(arguments, name) for name in ("track_corrections", "fallback")}
     geometry = {"backend": arguments.sfm, "path_regularity": arguments.path_regularity}
+
+    def _replaced(section: Section, values: dict[str, Any]) -> Section:
+        return replace(section, **{name: value for name, value in values.items() if value is not None})
+
     return replace(
         config,
-        side_information=_with_given(config.side_information, prediction),
-        geometry=_with_given(config.geometry, geometry),
+        side_information=_replaced(config.side_information, prediction),
+        geometry=_replaced(config.geometry, geometry),
     )
-
-
-def _with_given(section: Section, values: dict[str, Any]) -> Section:
-    return replace(section, **{name: value for name, value in values.items() if value is not None})
 
 
 def choices(config: "CodecConfig") -> str:

@@ -1,40 +1,51 @@
-"""Groups of pictures decoded in parallel, in processes with libraries that do not depend on the processor.
-
-A stream and a live encoder are decoded alike: a source gives groups in order of display, processes decode
-them, and their requests go to the source. Requests for frames of a stream never come here: the process finds
-the answers in the record of the group.
+"""Processes that decode groups of pictures, with libraries that do not depend on the processor.
 
 Predictions determine requests, so that a punctured stream needs exactly the same predictions. Libraries
-choose their code by the processor when they load. The environment of these processes therefore holds the
-libraries to one baseline, independent of those that the parent has loaded.
+choose their code by the processor when they load. The environment of these processes holds them to one
+baseline.
+
+Tasks, and answers of a live encoder, arrive through a connection; its file descriptor is the only argument
+of this module as a program. Replies carry the number of their group: requests, and finally the decoded group
+or an exception. Groups of a live encoder are coroutines: while some wait for answers, the rest continue,
+first those with the most levels to follow. Memory bounds the number of levels that are decoded at the same
+time.
 """
 
 import atexit
+import heapq
 import os
 import signal
 import subprocess
+import sys
 import time
-from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import count
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from threading import RLock
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
-from decoder.group_tasks import Answered, Bits, DecodedGroup, GroupTask, Losses
+from decoder.group_tasks import Answered, Bits, DecodedGroup, GroupTask, naming_group
+from dvc.config import decode_config
 from dvc.environment import COMPILATION_NOTICE, ONE_HEAP, baseline_environment, python_module
-from dvc.errors import BitstreamError, DvcError
-from dvc.feedback import ParityAnswer
-from dvc.slepian_wolf import ParityRequest, Place, Round
+from dvc.errors import DvcError
+from dvc.slepian_wolf import Round
+
+if TYPE_CHECKING:  # loads OpenCV
+    from decoder.group import GroupCoroutine, GroupDecoder, Rank
+    from decoder.wyner_ziv import WynerZivDecoder
 
 Outcome = Round | DecodedGroup | Exception
+MAX_ACTIVE_PX = 3 << 20
+"""Pixels of frames of live groups that are decoded at a time, if that leaves one level of one group."""
 _MAX_IDLE = 2  # processes kept for the next sequence: they take about a second to start, and some memory
 
 
 class DecodingProcess:
-    """A process that decodes groups; see `decoder.worker`."""
+    """A process that decodes groups."""
 
     def __init__(self) -> None:
         self.num_running = self.num_pending = self._num_sent = 0
@@ -45,8 +56,8 @@ class DecodingProcess:
 
     def _start(self, connection: "Connection[Any, Any]") -> Any:
         """Start the process with its end of the pipe; return it as `Popen` does."""
-        command = python_module("decoder.worker", connection.fileno())
-        # Whoever starts the process ends it; an interrupt from the terminal is not for it.
+        command = python_module("decoder.processes", connection.fileno())
+        # The parent ends the process; an interrupt from the terminal is not for it.
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         try:
             return subprocess.Popen(
@@ -62,8 +73,7 @@ class DecodingProcess:
 
     def submit(self, *messages: GroupTask | Answered) -> None:
         """Start groups, or continue with open ones."""
-        tasks = [message for message in messages if isinstance(message, GroupTask)]
-        self.num_running += len(tasks)
+        self.num_running += sum(isinstance(message, GroupTask) for message in messages)
         if not self.num_pending:
             self.began_s = time.monotonic()
         self._num_sent += len(messages)
@@ -117,8 +127,8 @@ class DecodingProcess:
         _started.discard(self)
 
 
-# All that are not stopped: where whoever was lent one is collected as garbage, the process comes back, and
-# must not be collected with it, which closes its connection.
+# All that are not stopped: if the user of a process is collected as garbage, the process comes back, and must
+# not be collected with it, which closes its connection.
 _started: set[DecodingProcess] = set()
 _idle: list[DecodingProcess] = []
 _lock = RLock()  # a collection may happen anywhere
@@ -126,7 +136,7 @@ _lock = RLock()  # a collection may happen anywhere
 
 @atexit.register
 def stop_idle_processes() -> None:
-    """Keep no process for a next sequence, which gets new ones."""
+    """Stop the processes that are kept for the next sequence."""
     while _idle:
         _idle.pop().stop()
 
@@ -145,130 +155,163 @@ def decoding_process() -> Iterator[DecodingProcess]:
         yield process
     finally:
         with _lock:
-            kept = process.num_running == 0 and process.alive and len(_idle) < _MAX_IDLE
-            if kept:
+            is_kept = process.num_running == 0 and process.alive and len(_idle) < _MAX_IDLE
+            if is_kept:
                 _idle.append(process)
-        if not kept:
+        if not is_kept:
             process.stop()
 
 
-class GroupSource(Protocol):
-    """Provides groups to decode, and receives their requests."""
+def serve(connection: "Connection[Any, Any]") -> None:
+    """Decode groups until the connection closes."""
+    stderr = os.dup(2)
+    with open(os.devnull, "wb") as nowhere:
+        os.dup2(nowhere.fileno(), 2)
+    try:  # OpenCV reports features that it must not use, and that the processor does not have
+        import cv2  # noqa: F401
+    finally:
+        os.dup2(stderr, 2)
+        os.close(stderr)
+    worker = _Worker(connection)
+    while True:
+        try:
+            worker.receive(wait=worker.is_idle)
+            worker.step()
+        except (EOFError, OSError):  # the parent has closed the connection
+            os._exit(0)
+
+
+@dataclass(eq=False)
+class _LiveGroup:
+    """A group with a coroutine that waits for its turn, for memory or for answers."""
+
+    number: int
+    config: bytes
+    decoder: "GroupDecoder"
+    steps: "GroupCoroutine"
+    rank: "Rank"
+    num_px: int = 0  # pixels of the level that is being decoded
+
+
+class _Worker:
+    """Groups that are under way, in one thread."""
+
+    def __init__(self, connection: "Connection[Any, Any]") -> None:
+        self._connection = connection
+        self._num_taken = 0  # messages
+        self._order = count()
+        self._tasks: list[GroupTask] = []  # groups that have not begun
+        self._groups: dict[int, _LiveGroup] = {}
+        self._ready: list[tuple[Rank, int, int, Sequence[Bits] | None]] = []  # numbers, with bits to send
+        self._paused: list[tuple[Rank, int, int]] = []  # for lack of memory
+        self._used_px = 0
+        self._config = b""
+        self._frames: WynerZivDecoder | None = None
+        self._idle: list[GroupDecoder] = []  # decoders for further groups of this configuration
 
     @property
-    def finished(self) -> bool:
-        """Whether all groups have been received."""
+    def is_idle(self) -> bool:
+        """Whether the process has nothing to do before the next message."""
+        return not (self._ready or self._tasks)
 
-    def poll(self) -> Iterable[GroupTask | ParityAnswer | BitstreamError]:
-        """Return new groups and answers without waiting; nothing follows damage."""
+    def receive(self, wait: bool) -> None:
+        """Receive messages."""
+        while wait or self._connection.poll():
+            for message in self._connection.recv():
+                self._num_taken += 1
+                if isinstance(message, Answered):
+                    self._enqueue(self._groups[message.number], message.bits)
+                else:
+                    self._tasks.append(message)
+            wait = False
 
-    def wait(self, processes: Sequence[DecodingProcess]) -> Iterable[DecodingProcess]:
-        """Wait until something comes from a process or to the source; return the processes."""
+    def _enqueue(self, group: _LiveGroup, sent: Sequence[Bits] | None) -> None:
+        heapq.heappush(self._ready, (group.rank, next(self._order), group.number, sent))
 
-    def request(self, requests: Sequence[ParityRequest], process: DecodingProcess) -> None:
-        """Take requests of a process."""
+    def step(self) -> None:
+        """Decode a group of a stream, begin one of an encoder, or advance that of the first rank."""
+        if self._tasks:
+            task = self._tasks.pop(0)
+            try:
+                with naming_group(task.number):
+                    decoder = self._acquire(task.config)
+                    if task.form is None:
+                        steps = decoder.steps(task)
+                        group = _LiveGroup(task.number, task.config, decoder, steps, (0, task.number))
+                        self._groups[task.number] = group
+                        self._enqueue(group, None)
+                        return
+                    outcome: object = decoder.decode(task)
+                    self._release(decoder, task.config)
+            except Exception as err:
+                outcome = _portable(err)
+            self._send(task.number, outcome)
+        elif self._ready:
+            _, _, number, sent = heapq.heappop(self._ready)
+            self._advance(self._groups[number], sent)
 
-    def consumed(self) -> None:
-        """Record that the next group has been consumed, which makes room for another."""
+    def _advance(self, group: _LiveGroup, sent: Sequence[Bits] | None) -> None:
+        """Advance a group to its next request, to the start of a level or to its end."""
+        from decoder.group import LevelBegins
+
+        outcome: object
+        try:
+            with naming_group(group.number):
+                outcome = next(group.steps) if sent is None else group.steps.send(sent)
+        except StopIteration as stop:
+            self._release(group.decoder, group.config)
+            outcome = stop.value
+            del self._groups[group.number]
+        except Exception as err:
+            outcome = _portable(err)
+            del self._groups[group.number]
+        if isinstance(outcome, LevelBegins) or group.number not in self._groups:
+            self._used_px -= group.num_px
+            if isinstance(outcome, LevelBegins):
+                group.rank, group.num_px = outcome.rank, outcome.num_px
+                heapq.heappush(self._paused, (group.rank, next(self._order), group.number))
+                outcome = ()
+            self._resume()
+        self._send(group.number, outcome)
+
+    def _resume(self) -> None:
+        """Start levels that fit into the memory."""
+        while self._paused:
+            group = self._groups[self._paused[0][2]]
+            if self._used_px and self._used_px + group.num_px > MAX_ACTIVE_PX:
+                return
+            heapq.heappop(self._paused)
+            self._used_px += group.num_px
+            self._enqueue(group, ())
+
+    def _send(self, number: int, outcome: object) -> None:
+        """Send the requests or the result of a group, and the number of open tasks."""
+        self._connection.send((number, outcome, len(self._ready) + len(self._tasks), self._num_taken))
+
+    def _acquire(self, config: bytes) -> "GroupDecoder":
+        """Return an idle decoder of a configuration."""
+        from decoder.group import GroupDecoder
+        from decoder.wyner_ziv import WynerZivDecoder
+
+        if config != self._config:
+            self._config, self._idle = config, []
+            self._frames = WynerZivDecoder(decode_config(config))
+        return self._idle.pop() if self._idle else GroupDecoder(decode_config(config), self._frames)
+
+    def _release(self, decoder: "GroupDecoder", config: bytes) -> None:
+        """Keep a decoder that has not failed."""
+        if config == self._config:
+            self._idle.append(decoder)
 
 
-@dataclass
-class _Asked:
-    """Requests that a group has made together."""
+def _portable(err: Exception) -> Exception:
+    """Return an error of a class that the parent process can load."""
+    if isinstance(err, DvcError):
+        return err
+    error = RuntimeError(repr(err))
+    error.add_note(f"in the decoding process:\n{''.join(traceback.format_exception(err))}")
+    return error
 
-    process: DecodingProcess
-    number: int  # number of the group
-    places: list[Place]
-    answers: dict[Place, Bits] = field(default_factory=dict)
 
-
-class GroupsInFlight:
-    """Groups of pictures that are decoded at the same time; the same bytes for any number of processes."""
-
-    def __init__(self, source: GroupSource, jobs: int, losses: Losses | None = None) -> None:
-        self._source, self._jobs, self._losses = source, jobs, losses
-        self._stack = ExitStack()
-        self._processes: list[DecodingProcess] = []
-        self._waiting: deque[GroupTask] = deque()  # groups of a stream, until a process is idle
-        self._asked: dict[Place, _Asked] = {}
-        self._order: deque[int] = deque()  # numbers of the groups in work
-        self._tasks: dict[int, GroupTask] = {}  # their tasks, which remain if they are damaged
-        self._outcomes: dict[int, DecodedGroup | Exception] = {}
-
-    def decode(self) -> Iterator[DecodedGroup]:
-        """Decode all groups of the source; raise errors after all groups before them."""
-        failure: BaseException | None = None
-        with self._stack:
-            while failure is None and (self._order or not self._source.finished):
-                try:
-                    self._start_received()
-                    if not self._is_ready():
-                        for process in self._source.wait(self._processes):
-                            self._dispatch(process)
-                        self._start_received()
-                except (Exception, KeyboardInterrupt) as err:
-                    failure = err
-                while self._is_ready():
-                    number = self._order.popleft()
-                    outcome, task = self._outcomes.pop(number), self._tasks.pop(number, None)
-                    if isinstance(outcome, BitstreamError) and self._losses is not None and task is not None:
-                        outcome = self._losses.rest_of(task, outcome)
-                    if isinstance(outcome, Exception):
-                        raise outcome
-                    yield outcome
-                    self._source.consumed()
-        if failure is not None:
-            raise failure
-
-    def _is_ready(self) -> bool:
-        return bool(self._order) and self._order[0] in self._outcomes
-
-    def _start_received(self) -> None:
-        """Pass new groups and answers to the processes."""
-        answers: dict[DecodingProcess, list[Answered]] = {}
-        for received in self._source.poll():
-            if isinstance(received, ParityAnswer):
-                place = received.frame, received.run
-                asked = self._asked.pop(place)
-                asked.answers[place] = received.bits
-                if len(asked.answers) == len(asked.places):
-                    bits = tuple(asked.answers[place] for place in asked.places)
-                    answers.setdefault(asked.process, []).append(Answered(asked.number, bits))
-                continue
-            if isinstance(received, BitstreamError):
-                self._order.append(-1)
-                self._outcomes[-1] = received
-                continue
-            self._order.append(received.number)
-            if self._losses is not None:
-                self._tasks[received.number] = received
-            if received.record.wyner_ziv:
-                self._waiting.append(received)
-            else:
-                self._outcomes[received.number] = DecodedGroup.of(received, [])
-        for process, own in answers.items():
-            process.submit(*own)
-        while self._waiting and (self._waiting[0].form is None or self._is_one_idle()):
-            self._begin(self._waiting.popleft())
-
-    def _is_one_idle(self) -> bool:
-        num_busy = sum(process.num_running > 0 for process in self._processes)
-        return num_busy < self._jobs
-
-    def _begin(self, task: GroupTask) -> None:
-        """Hand on a group to the process that has least to do, or to a new one."""
-        idle = [process for process in self._processes if not process.num_running]
-        if not idle and len(self._processes) < self._jobs:
-            self._processes.append(self._stack.enter_context(decoding_process()))
-        process = min(self._processes, key=lambda process: (process.num_running, process.began_s))
-        process.submit(task)
-
-    def _dispatch(self, process: DecodingProcess) -> None:
-        """Receive the requests or the result of a group from a process."""
-        number, outcome = process.receive()
-        if isinstance(outcome, DecodedGroup | Exception):
-            self._outcomes[number] = outcome
-        else:
-            asked = _Asked(process, number, [(request.frame, request.run) for request in outcome])
-            self._asked |= dict.fromkeys(asked.places, asked)
-            self._source.request(outcome, process)
+if __name__ == "__main__":
+    serve(Connection(int(sys.argv[1])))

@@ -102,14 +102,8 @@ class DecodeReport:
             else:
                 frame = group.wyner_ziv[number]
                 row = _wyner_ziv_row(frame, costs.wyner_ziv_header[number], original)
-                yield DecodedPicture(
-                    times_s[number],
-                    frame.frame,
-                    frame.side_information,
-                    frame.inverse_depth,
-                    frame.camera,
-                    row,
-                )
+                predicted, depth = frame.side_information, frame.inverse_depth
+                yield DecodedPicture(times_s[number], frame.frame, predicted, depth, frame.camera, row)
 
     def _original(self, index: int) -> Frame | None:
         if self._reference is None:
@@ -137,6 +131,14 @@ class DecodeReport:
             for frame, time_s in zip(frames, shown_s, strict=True):
                 frame["time_s"] = round(float(time_s), 6)
         wyner_ziv = [frame for frame in frames if frame["type"] == "wz"]
+        psnrs_db = _values(frames, "psnr_y_db")
+        live: dict[str, Any] = {}
+        if self._delays_s:
+            live["num_messages"] = self._num_messages
+            live["delay_s"] = {
+                "median": round(median(self._delays_s), 6),
+                "worst": round(max(self._delays_s), 6),
+            }
         return {
             "frames": len(frames),
             "duration_s": duration_s,
@@ -144,15 +146,15 @@ class DecodeReport:
             "rate_kbps": 8 * stream_bytes / duration_s / 1000,
             "bits": {name: sum(frame["bits"][name] for frame in frames) for name in BIT_CLASSES},
             "psnr_y_db": _mean(frames, "psnr_y_db"),
-            "mse_psnr_y_db": _mse_psnr(frames),
-            "worst_psnr_y_db": min(_values(frames, "psnr_y_db"), default=None),
+            "mse_psnr_y_db": psnr_of_mean_error_db(psnrs_db) if psnrs_db else None,
+            "worst_psnr_y_db": min(psnrs_db, default=None),
             "key_psnr_y_db": _mean([frame for frame in frames if frame["type"] == "key"], "psnr_y_db"),
             "wz_psnr_y_db": _mean(wyner_ziv, "psnr_y_db"),
             **_mean_in_colour(frames),
             "si_psnr_y_db": _mean(wyner_ziv, "si_psnr_y_db"),
             "refined_si_psnr_y_db": _mean(wyner_ziv, "refined_si_psnr_y_db"),
             "num_requests": sum(frame["num_requests"] for frame in wyner_ziv),
-            **self._live(),
+            **live,
             "num_failed_planes": sum(frame["num_failed_planes"] for frame in wyner_ziv),
             "num_skipped_planes": sum(frame["num_skipped_planes"] for frame in wyner_ziv),
             "plane_bits": _ratios([frame["plane_bits"] for frame in wyner_ziv]),
@@ -161,13 +163,6 @@ class DecodeReport:
             "config": self._config.to_dict(),
             "per_frame": frames,
         }
-
-    def _live(self) -> dict[str, Any]:
-        """Return the figures of live runs only."""
-        if not self._delays_s:
-            return {}
-        delay_s = {"median": round(median(self._delays_s), 6), "worst": round(max(self._delays_s), 6)}
-        return {"num_messages": self._num_messages, "delay_s": delay_s}
 
 
 def _bits(**given: int) -> dict[str, int]:
@@ -207,12 +202,6 @@ def _psnrs(original: Frame | None, decoded: Frame) -> dict[str, float | None]:
     return {"psnr_y_db": _psnr(original.luma, decoded.luma), **chroma_db}
 
 
-def _mse_psnr(frames: list[dict[str, Any]]) -> float | None:
-    """Return the PSNR of the mean squared error over frames."""
-    psnrs_db = _values(frames, "psnr_y_db")
-    return psnr_of_mean_error_db(psnrs_db) if psnrs_db else None
-
-
 def _mean_in_colour(frames: list[dict[str, Any]]) -> dict[str, float]:
     """Return the mean PSNRs of chroma and of all planes, if the reference has chroma."""
     if not all(name in frame for frame in frames for name in CHROMA):
@@ -247,7 +236,7 @@ def _ratios(frames: list[dict[str, dict[str, float]]]) -> dict[str, dict[str, fl
     """Add up received and ideal bits over frames, and divide the first by the second."""
     totals: dict[str, dict[str, float | None]] = {}
     for name in (*PLANE_CLASSES, "frame_checks", "all"):
-        chosen = [cost for frame in frames for own, cost in frame.items() if name in (own, "all")]
+        chosen = [cost for frame in frames for part, cost in frame.items() if name in (part, "all")]
         bits, ideal = (sum(cost[entry] for cost in chosen) for entry in ("bits", "ideal_bits"))
         ratio = round(bits / ideal, 4) if ideal else None
         totals[name] = {"bits": bits, "ideal_bits": round(ideal, 3), "ratio": ratio}

@@ -1,23 +1,31 @@
-"""Decoder of figure 5.1: stream or connection in; decoded groups of pictures, and their costs, out."""
+"""Decoder of figure 5.1: stream or connection in; decoded groups of pictures, and their costs, out.
 
+A stream and a live encoder are decoded alike: a source gives groups in order of display, processes decode
+them, and their requests go to the source. Requests for frames of a stream never come here: the process finds
+the answers in the record of the group.
+"""
+
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
 from fractions import Fraction
+from itertools import count
 from multiprocessing.connection import wait
 from typing import Any, cast
 
-from decoder.group_tasks import DecodedGroup, GroupTask, Losses, naming_group
+from decoder.group_tasks import Answered, Bits, DecodedGroup, GroupTask, Losses, Reader, naming_group
 from decoder.live import LiveGroups, LiveSource
-from decoder.processes import DecodingProcess, GroupsInFlight
+from decoder.processes import DecodingProcess, decoding_process
 from decoder.side_information.protocol import ReferenceFrame
 from dvc.config import CodecConfig, encode_config
 from dvc.errors import BitstreamError, ConnectionLostError
-from dvc.feedback import Gop, Readable, max_open_gops
+from dvc.feedback import Gop, ParityAnswer, Readable, max_open_gops
 from dvc.keyframes import KeyFrameDecoder
 from dvc.limits import Limits
-from dvc.slepian_wolf import ParityRequest
-from dvc.stream import Form, GopRecord, RecordingReader, StreamReader, check_times, frame_times_s
+from dvc.slepian_wolf import ParityRequest, Place
+from dvc.stream import Form, GopRecord, check_times, frame_times_s
 
-Reader = StreamReader | RecordingReader
 GROUPS_PER_PROCESS = 4
 """Number of groups per process: one in work, and more for a slow earlier group."""
 
@@ -77,7 +85,10 @@ def stream_tasks(
 ) -> Iterator[GroupTask]:
     """Read a stream, and decode its key frames; continue behind damage if losses are recorded."""
     limits = limits or Limits()
-    first_group = 0 if frames is None else _first_group(config, reader, frames.start)
+    first_group = 0
+    if frames is not None:  # the chain of key frames of the first frame begins there or later
+        back = config.key.intra_period + config.gop.length if config.key.predicted else 0
+        first_group = max(reader.index.gop_of(max(frames.start - back, 0)) - 1, 0)
     tasks = _Tasks(config, reader.index.first_frame(first_group) if first_group else 0)
     if first_group:
         reader.seek_gop(first_group)
@@ -113,8 +124,7 @@ def _records(
     reader: Reader, first: int, losses: Losses | None
 ) -> Iterator[tuple[int, GopRecord, BitstreamError | None]]:
     """Number the groups of a stream; of damaged ones nothing but the number of frames is left."""
-    number = first
-    while True:
+    for number in count(first):
         damage: BitstreamError | None = None
         try:
             record = next(iter(reader), None)
@@ -125,13 +135,6 @@ def _records(
         if record is None:
             return
         yield number, record, damage
-        number += 1
-
-
-def _first_group(config: CodecConfig, reader: Reader, frame: int) -> int:
-    """Return the group to start with, to decode a frame: its chain of key frames begins there or later."""
-    back = config.key.intra_period + config.gop.length if config.key.predicted else 0
-    return max(reader.index.gop_of(max(frame - back, 0)) - 1, 0)  # its key frame precedes the frame
 
 
 def decode_live(
@@ -257,3 +260,98 @@ class _Tasks:
         self._before = ReferenceFrame(task.last_index, key)
         self._last_s = times_s[-1]
         return task
+
+
+@dataclass
+class _Asked:
+    """Requests that a group has made together."""
+
+    process: DecodingProcess
+    number: int  # number of the group
+    places: list[Place]
+    answers: dict[Place, Bits] = field(default_factory=dict)
+
+
+class GroupsInFlight:
+    """Groups of pictures that are decoded at the same time; the same bytes for any number of processes."""
+
+    def __init__(self, source: StreamGroups | LiveGroups, jobs: int, losses: Losses | None = None) -> None:
+        self._source, self._jobs, self._losses = source, jobs, losses
+        self._stack = ExitStack()
+        self._processes: list[DecodingProcess] = []
+        self._waiting: deque[GroupTask] = deque()  # groups of a stream, until a process is idle
+        self._asked: dict[Place, _Asked] = {}
+        self._order: deque[int] = deque()  # numbers of the groups in work
+        self._tasks: dict[int, GroupTask] = {}  # their tasks, which remain if they are damaged
+        self._outcomes: dict[int, DecodedGroup | Exception] = {}
+
+    def decode(self) -> Iterator[DecodedGroup]:
+        """Decode all groups of the source; raise errors after all groups before them."""
+        failure: BaseException | None = None
+        with self._stack:
+            while failure is None and (self._order or not self._source.finished):
+                try:
+                    self._start_received()
+                    if not self._is_ready():
+                        for process in self._source.wait(self._processes):
+                            self._receive(process)
+                        self._start_received()
+                except (Exception, KeyboardInterrupt) as err:
+                    failure = err
+                while self._is_ready():
+                    number = self._order.popleft()
+                    outcome, task = self._outcomes.pop(number), self._tasks.pop(number, None)
+                    if isinstance(outcome, BitstreamError) and self._losses is not None and task is not None:
+                        outcome = self._losses.rest_of(task, outcome)
+                    if isinstance(outcome, Exception):
+                        raise outcome
+                    yield outcome
+                    self._source.consumed()
+        if failure is not None:
+            raise failure
+
+    def _is_ready(self) -> bool:
+        return bool(self._order) and self._order[0] in self._outcomes
+
+    def _start_received(self) -> None:
+        """Pass new groups and answers to the processes."""
+        answers: dict[DecodingProcess, list[Answered]] = {}
+        for received in self._source.poll():
+            if isinstance(received, ParityAnswer):
+                place = received.frame, received.run
+                asked = self._asked.pop(place)
+                asked.answers[place] = received.bits
+                if len(asked.answers) == len(asked.places):
+                    bits = tuple(asked.answers[place] for place in asked.places)
+                    answers.setdefault(asked.process, []).append(Answered(asked.number, bits))
+            elif isinstance(received, BitstreamError):
+                self._order.append(-1)
+                self._outcomes[-1] = received
+            else:
+                self._order.append(received.number)
+                if self._losses is not None:
+                    self._tasks[received.number] = received
+                if received.record.wyner_ziv:
+                    self._waiting.append(received)
+                else:
+                    self._outcomes[received.number] = DecodedGroup.of(received, [])
+        for process, messages in answers.items():
+            process.submit(*messages)
+        while self._waiting:
+            num_busy = sum(process.num_running > 0 for process in self._processes)
+            if self._waiting[0].form is not None and num_busy >= self._jobs:
+                return
+            if num_busy == len(self._processes) < self._jobs:
+                self._processes.append(self._stack.enter_context(decoding_process()))
+            idlest = min(self._processes, key=lambda process: (process.num_running, process.began_s))
+            idlest.submit(self._waiting.popleft())
+
+    def _receive(self, process: DecodingProcess) -> None:
+        """Receive the requests or the result of a group from a process."""
+        number, outcome = process.receive()
+        if isinstance(outcome, DecodedGroup | Exception):
+            self._outcomes[number] = outcome
+        else:
+            asked = _Asked(process, number, [(request.frame, request.run) for request in outcome])
+            self._asked |= dict.fromkeys(asked.places, asked)
+            self._source.request(outcome, process)

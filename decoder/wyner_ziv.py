@@ -1,33 +1,27 @@
 """Decoding of Wyner-Ziv frames as coroutines without I/O: a frame yields wishes and receives bits.
 
-Bands are decoded in zigzag order, each plane by plane, in the areas where a plane saves more than it costs:
-the noise model turns side information and known planes into log-likelihood ratios, the Slepian-Wolf decoder
-requests parity until the bits are right, and the conditional mean reconstructs the coefficients. Later planes
-learn from decoded ones: scales are fitted to the decoded intervals, blocks with unexpected errors are
-expected to have them in later bands, and the side information is refined and fused with the initial one.
-Bands between two refinements are decoded in parallel: bits of bins of equal width are requested together, if
-the coder can.
-
-Frames of a level do not depend on each other and are decoded in step: their next bits are one run. They share
-check bits and rounds of requests; the cost of a run is divided by the ideal code lengths of the bits.
+Bands are decoded in zigzag order, each plane by plane, in the areas where a plane saves more than it costs.
+Later planes learn from decoded ones: scales are fitted to the decoded intervals, and the side information is
+refined and fused with the initial one. Bands between two refinements are decoded in parallel: bits of bins of
+equal width are requested together, if the coder can. Frames of a level are decoded in step: their next bits
+are one run. Its cost is divided by the ideal code lengths of the bits.
 """
 
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from decoder.frame_state import Band, FrameState
+from decoder.frame_state import Asking, Band, Choice, FrameState, Learned, Wanted
 from decoder.group_tasks import BandCost, Bits, DecodedFrame
-from decoder.plane_choice import Allowance, Asking, Choice, Learned, Wanted
 from decoder.side_information.protocol import Prediction
 from dvc import slepian_wolf
 from dvc.arrays import Floats, Integers
 from dvc.config import CodecConfig
-from dvc.slepian_wolf import MAX_RUN_BITS, NeighbourCoupling, Part, PlaneDecoder, PlaneResult, Round
+from dvc.slepian_wolf import CRC_BITS, MAX_RUN_BITS, NeighbourCoupling, Part, PlaneDecoder, PlaneResult, Round
 from dvc.slepian_wolf.coupling import bounded_llr, ideal_bits
 from dvc.wynerziv import noise
 from dvc.wynerziv.areas import Areas
@@ -60,15 +54,27 @@ class Decoded(NamedTuple):
     paid_bits: float  # their share of the received bits
 
 
+class Allowance:
+    """Bits that one frame may request, except those of its check; planes that were started are finished."""
+
+    def __init__(self, bits: float = float("inf")) -> None:
+        self.bits, self._left = bits, bits - 2.0 * CRC_BITS
+
+    def begin(self, expected_bits: float) -> bool:
+        """Reserve the expected cost of a plane if enough bits remain."""
+        has_room = expected_bits <= self._left
+        if has_room:
+            self._left -= expected_bits
+        return has_room
+
+    def end(self, expected_bits: float, num_bits: float) -> None:
+        """Replace the expected cost of a plane by the real one."""
+        self._left += expected_bits - num_bits
+
+
 FrameCoroutine = Generator[Sequence[Wish], Sequence[Sequence[Decoded]], DecodedFrame]
 """Yields wishes and is sent what came of each; at last none, and is sent all again if some were wrong."""
 StageCoroutine = Generator[Sequence[Wish], Sequence[Sequence[Decoded]], None]
-
-
-def _between_refinements(bands: Sequence[int]) -> Iterator[Sequence[int]]:
-    """Divide bands, in coding order, at the refinements of the side information."""
-    ends = [0, *(position + 1 for position in REFINE_AFTER if position + 1 < len(bands)), len(bands)]
-    return (bands[first:end] for first, end in pairwise(ends) if first < end)
 
 
 class WynerZivDecoder:
@@ -100,7 +106,7 @@ class WynerZivDecoder:
         """Decode one frame."""
         state = FrameState(self.layout, prediction, self._config.wyner_ziv.noise_model)
         allowance = allowance or Allowance()
-        asking = Asking(self._areas, learned.worth, self._cost, quantization.multiplier)
+        asking = Asking(self._areas, learned, self._cost, quantization.multiplier)
         choose = asking.by_areas if self.coder.by_positions else asking.whole_planes
         is_learned = self._config.wyner_ziv.priors == "learned"
         return _Frame(index, state, learned, is_learned, choose, allowance).decode(quantization)
@@ -137,9 +143,11 @@ class _Frame:
 
     def decode(self, quantization: Quantization) -> FrameCoroutine:
         state = self.state
-        if not quantization.bands:
+        coded = quantization.bands
+        if not coded:
             yield ()
-        for numbers in _between_refinements(quantization.bands):
+        ends = [0, *(position + 1 for position in REFINE_AFTER if position + 1 < len(coded)), len(coded)]
+        for numbers in (coded[first:end] for first, end in pairwise(ends) if first < end):
             bands = [Band.start(number, quantization, state) for number in numbers]
             self.bands |= dict(zip(numbers, bands, strict=True))
             yield from self._decode_stage(bands)
@@ -147,7 +155,7 @@ class _Frame:
             for band in asked:
                 state.gain = float(np.sqrt(state.gain * band.gain))
                 state.set_known(band.number, band.known)
-            if numbers[-1] == quantization.bands[-1]:
+            if numbers[-1] == coded[-1]:
                 self._correct((yield ()))
             if asked:
                 state.refine()
@@ -167,13 +175,13 @@ class _Frame:
             ready = [band for band in bands if band.num_planes > missing and band.open.size]
             found = self.choose(ready, missing) if ready else []
             choices = [choice for choice in found if self.allowance.begin(choice.bits)]
-            going_on = {wanted.band.number for choice in choices for wanted in choice.wanted}
+            continued = {wanted.band.number for choice in choices for wanted in choice.wanted}
             for band in ready:
-                if band.number not in going_on:
+                if band.number not in continued:
                     band.open = band.open[:0]
             if choices:
                 yield from self._decode_planes(choices, missing)
-            if refines and missing and going_on:
+            if refines and missing and continued:
                 (band,) = bands
                 if np.mean(band.upper - band.lower) < REFINING_WIDTH * band.gain * np.mean(band.scale):
                     self.state.refine_by_part(band.number, band.known)
@@ -182,17 +190,22 @@ class _Frame:
     def _decode_planes(self, choices: Sequence[Choice], missing: int) -> StageCoroutine:
         """Decode the next planes of some bands, in the requested blocks."""
         priors = [[self._prior(wanted, missing) for wanted in choice.wanted] for choice in choices]
-        decoded = yield [_wish(choice, own) for choice, own in zip(choices, priors, strict=True)]
-        for choice, of_planes, found in zip(choices, priors, decoded, strict=True):
-            self.allowance.end(choice.bits, sum(plane.paid_bits for plane in found))
-            for wanted, prior, (bits, ideal, paid) in zip(choice.wanted, of_planes, found, strict=True):
+        wishes = []
+        for choice, of_planes in zip(choices, priors, strict=True):
+            llr = [prior.llr if isinstance(prior, PlanePrior) else prior for prior in of_planes]
+            coupled = [prior.coupling if isinstance(prior, PlanePrior) else prior for prior in of_planes]
+            wishes.append(Wish(choice.planes, choice.areas, np.concatenate(llr), coupled))
+        decoded = yield wishes
+        for choice, of_planes, planes in zip(choices, priors, decoded, strict=True):
+            self.allowance.end(choice.bits, sum(plane.paid_bits for plane in planes))
+            for wanted, prior, (bits, ideal, paid) in zip(choice.wanted, of_planes, planes, strict=True):
                 if isinstance(prior, PlanePrior):
                     self.learned.priors.learn(prior, bits)
                 saved = wanted.band.take(wanted.blocks, bits, missing)
                 self.taken.append((wanted.band, wanted.blocks))
                 cost = self.costs.setdefault(wanted.band.number, [0.0, 0.0])
                 cost[:] = cost[0] + ideal, cost[1] + paid
-                self.learned.worth.learn(wanted.band.number, missing, wanted.expected, (saved, paid))
+                self.learned.learn(wanted.band.number, missing, wanted.expected, (saved, paid))
 
     def _prior(self, wanted: Wanted, missing: int) -> PlanePrior | Floats:
         """Return the prior of bits; plain LLRs without learned priors."""
@@ -210,18 +223,11 @@ class _Frame:
             return
         for band in self.bands.values():
             band.forget()
-        everything = [one for found in again for one in found]
+        everything = [plane for planes in again for plane in planes]
         for (band, blocks), (bits, _, _) in zip(self.taken, everything, strict=True):
             band.enter(blocks, bits)
-        for number in self.state.known:
-            self.state.correct(number, self.bands[number].lower, self.bands[number].upper)
-
-
-def _wish(choice: Choice, priors: Sequence[PlanePrior | Floats]) -> Wish:
-    """Return the wish for a choice of planes."""
-    llr = np.concatenate([prior.llr if isinstance(prior, PlanePrior) else prior for prior in priors])
-    couplings = [prior.coupling if isinstance(prior, PlanePrior) else prior for prior in priors]
-    return Wish(choice.planes, choice.areas, llr, couplings)
+        for number, known in self.state.known.items():
+            self.state.set_known(number, replace(self.bands[number].known, scale=known.scale))
 
 
 class _Run:
@@ -246,22 +252,24 @@ class _Run:
     def take(self, result: PlaneResult) -> None:
         """Divide the result among the wishes."""
         self.result = result
-        paid_bits, start, found = result.parity_bits + result.crc_bits, 0, []
+        paid_bits, start, by_wish = result.parity_bits + result.crc_bits, 0, []
         for _, wish in self.wishes:
-            own = []
+            planes = []
             for prior in wish.priors:
                 size = prior.places.size if isinstance(prior, NeighbourCoupling) else prior.size
                 bits = result.bits[start : start + size]
                 llr = prior.llr_in_sequence(bits) if isinstance(prior, NeighbourCoupling) else prior
-                own.append((bits, ideal_bits(bounded_llr(llr), bits)))
+                planes.append((bits, ideal_bits(bounded_llr(llr), bits)))
                 start += size
-            found.append(own)
-        whole = sum(ideal for own in found for _, ideal in own)
-        equal = 1.0 / sum(map(len, found))
-        shares = [[ideal / whole if whole > 0.0 else equal for _, ideal in own] for own in found]
+            by_wish.append(planes)
+        whole = sum(ideal for planes in by_wish for _, ideal in planes)
+        equal = 1.0 / sum(map(len, by_wish))
         self.decoded = [
-            [Decoded(*one, paid_bits * share) for one, share in zip(*pair, strict=True)]
-            for pair in zip(found, shares, strict=True)
+            [
+                Decoded(bits, ideal, paid_bits * (ideal / whole if whole > 0.0 else equal))
+                for bits, ideal in planes
+            ]
+            for planes in by_wish
         ]
 
 
@@ -273,8 +281,15 @@ def decode_level(
     first = min(frames)
     wishes = {index: next(frame) for index, frame in frames.items()}
     while any(wishes.values()):
-        asked = [(index, wish) for index, own in wishes.items() for wish in own]
-        begun = [_Run(own, first, len(runs) + number) for number, own in enumerate(_divided(asked, joins))]
+        asked = [(index, wish) for index, frame_wishes in wishes.items() for wish in frame_wishes]
+        parts: list[list[tuple[int, Wish]]] = []  # wishes of each run, one frame after the other
+        for index, wish in asked:
+            fits = joins and parts and parts[-1][-1][0] < index
+            if fits and sum(other.llr.size for _, other in parts[-1]) + wish.llr.size <= MAX_RUN_BITS:
+                parts[-1].append((index, wish))
+            else:
+                parts.append([(index, wish)])
+        begun = [_Run(part, first, len(runs) + number) for number, part in enumerate(parts)]
         runs += begun
         yield from slepian_wolf.side_by_side([run.decode(decoder) for run in begun])
         decoded = _by_frames(begun)
@@ -284,8 +299,13 @@ def decode_level(
     for number, result in check.corrected.items():
         runs[number].take(result)
     again = _by_frames(runs) if check.corrected else {}
-    found = [_last(frame, again.get(index, ())) for index, frame in frames.items()]
-    decode_s = (time.perf_counter() - started) / len(found)
+    results: list[DecodedFrame] = []
+    for index, frame in frames.items():
+        try:
+            frame.send(again.get(index, ()))
+        except StopIteration as stop:
+            results.append(stop.value)
+    decode_s = (time.perf_counter() - started) / len(frames)
     num_failed, costs = int(not check.success), _costs(runs, check, [*frames]).tolist()
     return [
         replace(
@@ -296,60 +316,33 @@ def decode_level(
             num_failed_planes=num_failed,
             decode_s=decode_s,
         )
-        for frame, (num_requests, crc_bits, parity_bits) in zip(found, costs, strict=True)
+        for frame, (num_requests, crc_bits, parity_bits) in zip(results, costs, strict=True)
     ]
-
-
-def _last(frame: FrameCoroutine, again: Sequence[Sequence[Decoded]]) -> DecodedFrame:
-    """Finish a frame."""
-    try:
-        frame.send(again)
-    except StopIteration as stop:
-        decoded: DecodedFrame = stop.value
-        return decoded
-    raise AssertionError("a frame wishes for more after the check")
-
-
-def _divided(asked: Sequence[tuple[int, Wish]], joins: bool) -> list[list[tuple[int, Wish]]]:
-    """Divide wishes into runs, one frame after the other."""
-    runs: list[list[tuple[int, Wish]]] = []
-    for index, wish in asked:
-        fits = joins and runs and runs[-1][-1][0] < index
-        if fits and sum(other.llr.size for _, other in runs[-1]) + wish.llr.size <= MAX_RUN_BITS:
-            runs[-1].append((index, wish))
-        else:
-            runs.append([(index, wish)])
-    return runs
 
 
 def _by_frames(runs: Sequence[_Run]) -> dict[int, list[list[Decoded]]]:
     """Return the decoded bits of each frame."""
-    found: dict[int, list[list[Decoded]]] = {}
+    by_frames: dict[int, list[list[Decoded]]] = {}
     for run in runs:
         for (index, _), decoded in zip(run.wishes, run.decoded, strict=True):
-            found.setdefault(index, []).append(decoded)
-    return found
+            by_frames.setdefault(index, []).append(decoded)
+    return by_frames
 
 
 def _costs(runs: Sequence[_Run], check: slepian_wolf.FrameCheck, frames: Sequence[int]) -> Integers:
     """Return requests, check bits and parity of each frame, in whole numbers that add up to all."""
-    costs = np.zeros((len(frames), 3), np.int64)
-    total = np.array([check.num_requests, check.crc_bits, 0])
-    costs += _shares(total, np.ones(len(frames)))
+    shared = [([check.num_requests, check.crc_bits, 0], dict.fromkeys(frames, 1.0))]
     for run in runs:
         assert run.result is not None
         paid = dict.fromkeys(frames, 0.0)
         for (index, _), decoded in zip(run.wishes, run.decoded, strict=True):
-            paid[index] += sum(one.paid_bits for one in decoded)
-        total = np.array([run.result.num_requests, run.result.crc_bits, run.result.parity_bits])
-        costs += _shares(total, np.array([*paid.values()]))
+            paid[index] += sum(plane.paid_bits for plane in decoded)
+        shared.append(([run.result.num_requests, run.result.crc_bits, run.result.parity_bits], paid))
+    costs = np.zeros((len(frames), 3), np.int64)
+    for totals, weights in shared:
+        ends = np.cumsum([*weights.values()])
+        ends = ends / ends[-1] if ends[-1] > 0.0 else np.arange(1, ends.size + 1) / ends.size
+        rounded = np.rint(np.outer(ends, totals)).astype(np.int64)
+        costs += rounded
+        costs[1:] -= rounded[:-1]
     return costs
-
-
-def _shares(totals: Integers, weights: Floats) -> Integers:
-    """Divide whole numbers in some proportion; shape (weights, totals)."""
-    ends = np.cumsum(weights)
-    ends = ends / ends[-1] if ends[-1] > 0.0 else np.arange(1, weights.size + 1) / weights.size
-    rounded = np.rint(np.outer(ends, totals)).astype(np.int64)
-    rounded[1:] -= rounded[:-1].copy()
-    return rounded

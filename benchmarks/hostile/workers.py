@@ -13,7 +13,6 @@ from typing import Any
 from unittest.mock import patch
 
 import decoder.processes
-from decoder import worker
 from decoder.group import GroupDecoder
 from decoder.group_tasks import DecodedGroup, GroupTask
 from decoder.session import stream_tasks
@@ -50,7 +49,7 @@ class _Child:
     def wait(self, timeout: float | None = None) -> int:
         self._child.join(timeout)
         if self._child.exitcode is None:
-            raise subprocess.TimeoutExpired("decoder.worker", timeout or 0.0)
+            raise subprocess.TimeoutExpired("decoder.processes", timeout or 0.0)
         return self._child.exitcode
 
     def kill(self) -> None:
@@ -61,7 +60,7 @@ def _serve(connection: "Connection[Any, Any]", most: int) -> None:
     """Decode within the limit of additional memory of the process that starts this one."""
     if most != resource.RLIM_INFINITY:
         resource.setrlimit(resource.RLIMIT_AS, (address_bytes() + most, resource.RLIM_INFINITY))
-    worker.serve(connection)
+    decoder.processes.serve(connection)
 
 
 @contextmanager

@@ -30,13 +30,6 @@ class Steps(NamedTuple):
     enough: float = 0.0  # mean absolute difference, in levels, that is not searched any further
 
 
-class Pair(NamedTuple):
-    """Phase planes of the two frames around the missing one."""
-
-    before: Bytes
-    after: Bytes
-
-
 class Searched(NamedTuple):
     """Phase planes to compare, one or sixteen, and their sums over all squares of half the window."""
 
@@ -61,14 +54,8 @@ def _half_samples(padded, across, rows):
                 np.int16(line[x + 3]), np.int16(line[x + 4]), np.int16(line[x + 5]),
             )  # fmt: skip
     for y in range(height):
-        a, b, c, d, e, f = (
-            padded[y],
-            padded[y + 1],
-            padded[y + 2],
-            padded[y + 3],
-            padded[y + 4],
-            padded[y + 5],
-        )
+        a, b, c = padded[y], padded[y + 1], padded[y + 2]
+        d, e, f = padded[y + 3], padded[y + 4], padded[y + 5]
         for x in range(width):
             rows[0, 0, y, x] = c[x + 2]
             down = _six_taps(
@@ -119,10 +106,8 @@ def _square_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, size):
 
     Rows are compared as two vectors of 8 samples: those on the left of a row, and those on the right.
     """
-    phase_a, phase_b = (
-        (np.uintp(row_a & 3), np.uintp(column_a & 3)),
-        (np.uintp(row_b & 3), np.uintp(column_b & 3)),
-    )
+    phase_a = np.uintp(row_a & 3), np.uintp(column_a & 3)
+    phase_b = np.uintp(row_b & 3), np.uintp(column_b & 3)
     ya, xa, yb, xb = row_a >> 2, column_a >> 2, row_b >> 2, column_b >> 2
     total = np.int32(0)
     for column in range(8):
@@ -161,10 +146,8 @@ def block_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, size):
     plane_a, plane_b = planes_a[row_a & 3, column_a & 3], planes_b[row_b & 3, column_b & 3]
     for y in range(size):
         for x in range(size):
-            one, other = (
-                plane_a[(row_a >> 2) + y, (column_a >> 2) + x],
-                plane_b[(row_b >> 2) + y, (column_b >> 2) + x],
-            )
+            one = plane_a[(row_a >> 2) + y, (column_a >> 2) + x]
+            other = plane_b[(row_b >> 2) + y, (column_b >> 2) + x]
             total += abs(np.int64(one) - np.int64(other))
     return total
 
@@ -204,20 +187,14 @@ def forward_search(pair, blocks, steps, starts, vectors):
 
 
 @kernel
-def split_vector(displacement, numerator, denominator):
-    """Offsets towards reference a of displacements from a to b, at position numerator / denominator."""
-    scaled = 2 * displacement * numerator + denominator
-    return -(scaled // (2 * denominator))
-
-
-@kernel
 def bilateral_sad(pair, instant, row, column, dv, dh, window):
     """Difference of the two references along one linear trajectory through a block of the missing frame."""
     planes_a, planes_b = pair
     numerator, denominator = instant
     height, width = planes_a.shape[2], planes_a.shape[3]
-    av, ah = split_vector(dv, numerator, denominator), split_vector(dh, numerator, denominator)
-    row_a, column_a = row + av, column + ah
+    # The displacement towards the first reference, at position numerator / denominator.
+    row_a = row - (2 * dv * numerator + denominator) // (2 * denominator)
+    column_a = column - (2 * dh * numerator + denominator) // (2 * denominator)
     row_b, column_b = row_a + dv, column_a + dh
     outside = 0
     for position, length in ((row_a, height), (row_b, height), (column_a, width), (column_b, width)):
@@ -263,7 +240,7 @@ def refine_bilateral(pair, instant, blocks, steps, fields, vectors):
     field, medians = fields
     margin, block, window = blocks
     radius, step, smoothness, _ = steps
-    height, width = pair.before.shape[2], pair.before.shape[3]
+    height, width = pair[0].shape[2], pair[0].shape[3]
     border = (window - block) // 2
     candidates = np.zeros((11, 2), np.int64)  # the last one is no motion
     for i in range(vectors.shape[0]):

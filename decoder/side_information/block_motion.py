@@ -2,9 +2,8 @@
 
 Block motion between two low-pass filtered references is searched from coarse to fine over a pyramid: full
 forward search at the top, then at each level a choice among the neighbours' vectors and a small search by the
-difference of the two references along the linear trajectory through the block (bilateral), 16x16 blocks
-first, 8x8 last, each field regularised by its neighbours and by a vector median. Overlapped compensation of
-both references, weighted by their distance in time, gives the prediction.
+difference of both references along the linear trajectory through the block (bilateral), regularised by the
+neighbours and by a vector median. Overlapped compensation of both references gives the prediction.
 
 References
 ----------
@@ -12,7 +11,7 @@ References
 for pixel domain distributed video coding", EURASIP Conf. on Speech, Image Processing and Multimedia, 2005.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import lru_cache
 from typing import NamedTuple
@@ -22,12 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.side_information import _kernels
-from decoder.side_information.protocol import (
-    Prediction,
-    ReferenceFrame,
-    references_around,
-    temporal_position,
-)
+from decoder.side_information.protocol import Prediction, ReferenceFrame, references_around, temporal_position
 from dvc.arrays import Bytes, Floats, Integers
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
@@ -84,24 +78,29 @@ def compensate(
 
 
 def compensate_chroma(
-    references: Sequence[Frame],
-    offsets: Sequence[Integers],
-    weights: Sequence[Floats],
-    block: int,
+    references: Sequence[Frame], offsets: Sequence[Integers], weights: Sequence[Floats], block: int
 ) -> tuple[Bytes, Bytes] | None:
     """Predict the chroma planes with the offsets of the luma blocks."""
-    chroma = [frame.chroma for frame in references]
     halved = [offset >> 1 for offset in offsets]
-    predicted = []
-    for component in (0, 1):
-        planes = [pair[component] for pair in chroma if pair is not None]
-        if len(planes) < len(chroma):
-            return None
-        samples, _ = compensate(
-            [phase_planes(plane) for plane in planes], halved, list(weights), block // 2, planes[0].shape
-        )
-        predicted.append(np.floor(samples + 0.5).astype(np.uint8))
-    return predicted[0], predicted[1]
+
+    def _compensated(planes: list[Bytes]) -> Floats:
+        phases = [phase_planes(plane) for plane in planes]
+        return compensate(phases, halved, list(weights), block // 2, planes[0].shape)[0]
+
+    return predicted_chroma(references, _compensated)
+
+
+def predicted_chroma(
+    references: Sequence[Frame], predict: Callable[[list[Bytes]], Floats]
+) -> tuple[Bytes, Bytes] | None:
+    """Predict each chroma plane from those of all references; return None unless all have chroma."""
+    chroma = [frame.chroma for frame in references if frame.chroma is not None]
+    if len(chroma) < len(references):
+        return None
+    blue, red = (
+        np.floor(predict(list(planes)) + 0.5).astype(np.uint8) for planes in zip(*chroma, strict=True)
+    )
+    return blue, red
 
 
 def resize_field(field: Integers, rows: int, columns: int, factor: int) -> Integers:
@@ -159,10 +158,6 @@ class _Image:
         return sums
 
 
-def _padded(plane: Bytes) -> _Image:
-    return _Image(np.pad(plane, MARGIN, mode="edge")[None, None])
-
-
 class _Reference:
     """A reference at full and at half the resolution."""
 
@@ -197,7 +192,8 @@ class BlockRefiner:
 
     def refine(self, partial: Bytes) -> Prediction:
         """Search every block again around its current offsets; see `Refiner.refine`."""
-        target, halved_target = _padded(partial), _padded(halve(partial))
+        planes = (np.pad(plane, MARGIN, mode="edge")[None, None] for plane in (partial, halve(partial)))
+        target, halved_target = map(_Image, planes)
         searches = SEARCHES[min(self._num_calls, len(SEARCHES) - 1)]
         self._num_calls += 1
         for number, reference in enumerate(self._searched):
@@ -206,8 +202,8 @@ class BlockRefiner:
                 self.offsets[number], costs = _search(*images, self.offsets[number], search)
             difference = costs / float(searches[-1].window ** 2) + 1.0
             self._weights[number] = 1.0 / (difference * np.sqrt(difference))
-        planes = [reference.image.planes for reference in self._searched]
-        luma, compensated = compensate(planes, self.offsets, self._weights, BLOCK, partial.shape)
+        phases = [reference.image.planes for reference in self._searched]
+        luma, compensated = compensate(phases, self.offsets, self._weights, BLOCK, partial.shape)
         return Prediction(luma, None, tuple(compensated), self._method, refiner=self)
 
     def chroma(self) -> tuple[Bytes, Bytes] | None:
@@ -280,8 +276,11 @@ def estimate_motion(before: Bytes, after: Bytes, position: Fraction) -> Integers
     pyramid = [(low_pass(before), low_pass(after))]
     for _ in range(NUM_COARSE_LEVELS):
         pyramid.append((halve(pyramid[-1][0]), halve(pyramid[-1][1])))
-    pairs = [_kernels.Pair(phase_planes(first), phase_planes(second)) for first, second in pyramid]
-    field = _forward_field(pairs[-1], pyramid[-1][0].shape, SEARCH_RADIUS_PX)
+    pairs = [(phase_planes(first), phase_planes(second)) for first, second in pyramid]
+    shape = pyramid[-1][0].shape
+    field = np.zeros((-(-shape[0] // 8), -(-shape[1] // 8), 2), dtype=np.int64)
+    steps = _kernels.Steps(min(SEARCH_RADIUS_PX, max(shape) // 4), 4, 0.02)
+    _kernels.forward_search(pairs[-1], _kernels.Blocks(MARGIN, 8, 16), steps, np.zeros_like(field), field)
     for level in range(NUM_COARSE_LEVELS, 0, -1):
         steps = _kernels.Steps(2, 4, 4 * SMOOTHNESS)
         field = _bilateral_field(pairs[level], position, field, _kernels.Blocks(MARGIN, 8, 16), steps)
@@ -311,16 +310,12 @@ def vector_median(field: Integers) -> Integers:
     return median
 
 
-def _forward_field(pair: _kernels.Pair, shape: tuple[int, ...], radius: int) -> Integers:
-    """Full search at the coarsest level of the pyramid, between phase planes of frames of a shape."""
-    field = np.zeros((-(-shape[0] // 8), -(-shape[1] // 8), 2), dtype=np.int64)
-    steps = _kernels.Steps(min(radius, max(shape) // 4), 4, 0.02)
-    _kernels.forward_search(pair, _kernels.Blocks(MARGIN, 8, 16), steps, np.zeros_like(field), field)
-    return field
-
-
 def _bilateral_field(
-    pair: _kernels.Pair, position: Fraction, field: Integers, blocks: _kernels.Blocks, steps: _kernels.Steps
+    pair: tuple[Bytes, Bytes],
+    position: Fraction,
+    field: Integers,
+    blocks: _kernels.Blocks,
+    steps: _kernels.Steps,
 ) -> Integers:
     """Bilateral search at one level of the pyramid, around the vectors of a field."""
     instant = position.numerator, position.denominator

@@ -1,12 +1,8 @@
 """Method `mesh`: a triangular mesh on the first key frame with vertices that move along epipolar lines.
 
 It is fitted to the correspondences by linear least squares with smooth motion; correspondences in triangles
-that turn over or compensate badly are dropped, and the fit repeated.
-
-References
-----------
-[Maitre2008] Sec. 5.3.3, Eqs. (5.9) and (5.10), the latter with the smoothness of motions that the text
-asks for.
+that turn over or compensate badly are dropped, and the fit repeated. [Maitre2008] Sec. 5.3.3, Eqs. (5.9) and
+(5.10), the latter with the smoothness of motions that the text asks for.
 """
 
 from dataclasses import dataclass
@@ -77,19 +73,17 @@ def barycentric(points: Floats, shape: tuple[int, ...], cell: float) -> Barycent
 
 def roughness_matrix(shape: tuple[int, int]) -> Any:
     """Return ``I - N`` of (5.10), N the mean of the neighbours on both sides."""
-    rows, columns = (_second_difference(count) for count in shape)
+    halves = []  # second differences of a line of values, halved and negated; zero rows at its ends
+    for count in shape:
+        inner = np.ones(count)
+        inner[[0, -1]] = 0.0
+        sides = -0.5 * inner
+        halves.append(sparse.diags_array([sides[1:], inner, sides[:-1]], offsets=[-1, 0, 1]).tocsr())
+    rows, columns = halves
     along = sparse.kron(sparse.eye_array(shape[0]), columns) + sparse.kron(rows, sparse.eye_array(shape[1]))
     border = np.zeros(shape, dtype=bool)
     border[[0, -1]] = border[:, [0, -1]] = True
     return sparse.csr_array(sparse.diags_array(np.where(border, 1.0, 0.5).ravel()) @ along)
-
-
-def _second_difference(count: int) -> Any:
-    """Half the second difference of a line of values, negated; zero rows at its ends."""
-    inner = np.ones(count)
-    inner[[0, -1]] = 0.0
-    sides = -0.5 * inner
-    return sparse.diags_array([sides[1:], inner, sides[:-1]], offsets=[-1, 0, 1]).tocsr()
 
 
 RIDGE = 1e-9
@@ -114,12 +108,10 @@ class MeshSettings:
 class Mesh(NamedTuple):
     """A mesh."""
 
-    origin_px: float  # x and y of the first vertex, and distance of vertices, in the first key frame
-    cell_px: float
+    cell_px: float  # distance of vertices in the first key frame; x and y of the first one, negated
     second: Floats  # vertices in the second key frame, (x, y) in pixels
     inverse_depth: Floats  # inverse depth of the vertices in the first key frame
     kept: Mask  # correspondences that were not outliers
-    num_fits: int  # fits that were needed
 
 
 class MeshInterpolator:
@@ -135,9 +127,20 @@ class MeshInterpolator:
         known: Known = (None, None),
         settings: MeshSettings = MeshSettings(),
     ) -> None:
-        del known
         self._frame = model.pixel_frame
-        self.views = mesh_views(fit_mesh(model, first, second, settings), model, first, second)
+        mesh = fit_mesh(model, first, second, settings)
+        warp = warp_matrix(model.first_camera, model.second_camera, model.pixel_frame)
+        in_first, _ = mesh_depth(mesh, first.shape)
+        vertices = warp_grid(warp, mesh.inverse_depth, -mesh.cell_px, mesh.cell_px)
+        in_second = render_grid(vertices, second.shape)
+        visibility = np.full(first.shape, Visibility.CONSISTENT, np.int8)
+        whole = np.zeros((first.shape[0] - 1, first.shape[1] - 1), dtype=bool)  # one piece
+        self.views = (
+            DepthView(first, model.first_camera, DepthMap(in_first, visibility), whole, warp),
+            DepthView(
+                second, model.second_camera, DepthMap(in_second, visibility), whole, inverse_warp(warp)
+            ),
+        )
 
     def interpolate(self, camera: Floats, temporal_position: float) -> Interpolation:
         """Predict one frame."""
@@ -149,13 +152,22 @@ def fit_mesh(model: Model, first: Bytes, second: Bytes, settings: MeshSettings) 
     warp = warp_matrix(model.first_camera, model.second_camera, model.pixel_frame)
     cell = settings.cell_px
     shape = (-(-(first.shape[0] - 1) // cell) + 3, -(-(first.shape[1] - 1) // cell) + 3)
+    rows, columns = np.indices(shape)
+    grid = np.stack([columns.ravel(), rows.ravel()], axis=-1) * float(cell) - cell  # in the first key frame
     points, matches = model.correspondences.first, model.correspondences.second
     kept = np.asarray(np.isfinite(np.column_stack([points, matches])).all(axis=1))
     farthest = (np.array(shape[::-1]) - 2) * cell
     kept &= np.logical_and(points >= -cell, points <= farthest).all(axis=1)
-    for number in range(1, settings.max_fits + 1):
-        vertices = _fit_once(points[kept], matches[kept], warp, shape, settings)
-        mesh = Mesh(-cell, cell, vertices, _vertex_depths(vertices, warp, cell), kept.copy(), number)
+    for _ in range(settings.max_fits):
+        weights = barycentric(points[kept], shape, cell).matrix(len(grid))
+        vertices = _moved_vertices(grid, weights, matches[kept], warp, shape, settings.smoothness)
+        depth, third = inverse_depths(grid, warp, vertices)
+        epipole = warp[:, 3]
+        offset = epipole[:2] - vertices * epipole[2]
+        # offset / |e_3| is the way from the epipole to the vertex; one at infinity is near nothing
+        near = (offset**2).sum(axis=1) <= (EPIPOLE_MARGIN_PX * epipole[2]) ** 2 + NO_PARALLAX
+        depth = fill_holes(np.where(near | (third <= 1e-6), EMPTY, depth).reshape(shape))
+        mesh = Mesh(cell, vertices.reshape(*shape, 2), depth, kept.copy())
         bad = _bad_triangles(mesh, warp, first, second, settings.max_error)
         outlier: Mask = kept & bad[barycentric(np.where(kept[:, None], points, 0.0), shape, cell).triangle]
         if not outlier.any():
@@ -164,40 +176,21 @@ def fit_mesh(model: Model, first: Bytes, second: Bytes, settings: MeshSettings) 
     return mesh
 
 
-def _grid(shape: tuple[int, ...], cell: float) -> Floats:
-    """Vertices in the first key frame, row by row: (V, 2)."""
-    rows, columns = np.indices(shape)
-    return np.stack([columns.ravel(), rows.ravel()], axis=-1) * float(cell) - cell
-
-
-def _fit_once(
-    points: Floats, matches: Floats, warp: Floats, shape: tuple[int, int], settings: MeshSettings
+def _moved_vertices(
+    grid: Floats, weights: Any, matches: Floats, warp: Floats, shape: tuple[int, int], smoothness: float
 ) -> Floats:
     """Solve (5.10) for the positions of the vertices in the second key frame."""
-    grid = _grid(shape, settings.cell_px)
-    place, direction = epipolar_lines(warp, grid)
-    weights = barycentric(points, shape, settings.cell_px).matrix(len(grid))
+    closest, direction = epipolar_lines(warp, grid)
     roughness = roughness_matrix(shape)
     normal = RIDGE * sparse.eye_array(len(grid))
     right = np.zeros(len(grid))
     for axis in (0, 1):
         along = sparse.diags_array(direction[:, axis])
-        data, smooth = weights @ along, settings.smoothness * roughness @ along
+        data, smooth = weights @ along, smoothness * roughness @ along
         normal = normal + data.T @ data + smooth.T @ smooth
-        right += data.T @ (matches[:, axis] - weights @ place[:, axis])
-        right -= settings.smoothness * smooth.T @ (roughness @ (place - grid)[:, axis])
-    moved = place + spsolve(normal.tocsc(), right)[:, None] * direction
-    return np.asarray(moved, dtype=np.float64).reshape(*shape, 2)
-
-
-def _vertex_depths(second: Floats, warp: Floats, cell: float) -> Floats:
-    """Return the inverse depth of the vertices by triangulation, or the given one if it is undetermined."""
-    vertices, epipole = second.reshape(-1, 2), warp[:, 3]
-    depth, third = inverse_depths(_grid(second.shape[:2], cell), warp, vertices)
-    offset = epipole[:2] - vertices * epipole[2]
-    # offset / |e_3| is the way from the epipole to the vertex; one at infinity is near nothing
-    near = (offset**2).sum(axis=1) <= (EPIPOLE_MARGIN_PX * epipole[2]) ** 2 + NO_PARALLAX
-    return fill_holes(np.where(near | (third <= 1e-6), EMPTY, depth).reshape(second.shape[:2]))
+        right += data.T @ (matches[:, axis] - weights @ closest[:, axis])
+        right -= smoothness * smooth.T @ (roughness @ (closest - grid)[:, axis])
+    return np.asarray(closest + spsolve(normal.tocsc(), right)[:, None] * direction, dtype=np.float64)
 
 
 def mesh_depth(mesh: Mesh, shape: tuple[int, ...]) -> tuple[Floats, Integers]:
@@ -219,29 +212,10 @@ def _bad_triangles(mesh: Mesh, warp: Floats, first: Bytes, second: Bytes, max_er
     cells = (mesh.second.shape[0] - 1) * (mesh.second.shape[1] - 1)
     total = np.bincount(triangle.ravel(), error.ravel(), 2 * cells)
     count = np.bincount(triangle.ravel(), minlength=2 * cells)
-    corners = mesh.second
-    upper = _area(corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1])
-    lower = _area(corners[1:, 1:], corners[1:, :-1], corners[:-1, 1:])
-    turned = np.stack([upper, lower], axis=-1).ravel() <= 0.0
+    corners, areas = mesh.second, []
+    right, below = corners[:-1, 1:], corners[1:, :-1]
+    for corner, one, other in ((corners[:-1, :-1], right, below), (corners[1:, 1:], below, right)):
+        a, b = one - corner, other - corner
+        areas.append(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])  # twice the signed area
+    turned = np.stack(areas, axis=-1).ravel() <= 0.0
     return np.asarray(turned | (total > max_error * count))
-
-
-def _area(a: Floats, b: Floats, c: Floats) -> Floats:
-    """Twice the signed area of triangles."""
-    ab, ac = b - a, c - a
-    area: Floats = ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0]
-    return area
-
-
-def mesh_views(mesh: Mesh, model: Model, first: Bytes, second: Bytes) -> tuple[DepthView, DepthView]:
-    """Turn the mesh into the depth of both key frames: one piece, all of it trusted."""
-    there = warp_matrix(model.first_camera, model.second_camera, model.pixel_frame)
-    in_first, _ = mesh_depth(mesh, first.shape)
-    vertices = warp_grid(there, mesh.inverse_depth, mesh.origin_px, mesh.cell_px)
-    in_second = render_grid(vertices, second.shape)
-    visibility = np.full(first.shape, Visibility.CONSISTENT, np.int8)
-    whole = np.zeros((first.shape[0] - 1, first.shape[1] - 1), dtype=bool)
-    return (
-        DepthView(first, model.first_camera, DepthMap(in_first, visibility), whole, there),
-        DepthView(second, model.second_camera, DepthMap(in_second, visibility), whole, inverse_warp(there)),
-    )

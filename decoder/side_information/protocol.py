@@ -93,13 +93,7 @@ class Refiner(Protocol):
         """
 
     def chroma(self) -> tuple[Bytes, Bytes] | None:
-        """Predict chroma with all that has been learnt.
-
-        Returns
-        -------
-        tuple of two ndarray of shape (ceil(H / 2), ceil(W / 2)), uint8, or None
-            Predicted Cb and Cr; None if the sequence has no chroma.
-        """
+        """Predict Cb and Cr, of half the size, with all that has been learnt; None without chroma."""
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,10 @@
-"""Method `depth`: dense depth of both key frames, rendered into the wanted view."""
+"""Methods `depth`, `blocks` and `fused`: dense depth of key frames, depth of blocks of a frame, or both."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from decoder.side_information.protocol import Interpolation
-from decoder.side_information.synthesis import block_medians, interpolate, render_between
-from decoder.side_information.weighting import neighbourhood
-from dvc.arrays import Bytes, Floats
+from decoder.side_information.synthesis import block_medians, neighbourhood, render_between
+from dvc.arrays import Bytes, Floats, Mask
 from dvc.geometry.cameras import homogeneous, inverse_depth_range
 from dvc.geometry.continuation import DepthMap
 from dvc.geometry.depth_maps import DepthView, Known, estimate_depths
@@ -14,7 +12,6 @@ from dvc.geometry.label_inference import semi_global
 from dvc.geometry.plane_sweep import (
     CENSUS_SWEEP,
     GRADIENT_SWEEP,
-    DepthHypotheses,
     SweepSettings,
     VirtualView,
     block_costs,
@@ -27,6 +24,8 @@ from dvc.geometry.rendering import render_depth
 from dvc.geometry.warping import warp_matrix
 from sfm.scene_model import Model
 
+UNKNOWN: Known = (None, None)
+
 
 class DepthInterpolator:
     """Predicts frames between two key frames by their depth; see `SceneInterpolator`."""
@@ -38,11 +37,11 @@ class DepthInterpolator:
         model: Model,
         first: Bytes,
         second: Bytes,
-        known: Known = (None, None),
-        settings: SweepSettings = GRADIENT_SWEEP,
+        known: Known = UNKNOWN,
+        sweep: SweepSettings = GRADIENT_SWEEP,
     ) -> None:
         self._frame = model.pixel_frame
-        self.views = estimate_depths(model.view_pair, first, second, known, settings)
+        self.views = estimate_depths(model.view_pair, first, second, known, sweep)
 
     def interpolate(self, camera: Floats, temporal_position: float) -> Interpolation:
         """Predict one frame."""
@@ -58,13 +57,7 @@ class AveragedDepthInterpolator:
 
     name = DepthInterpolator.name
 
-    def __init__(
-        self,
-        model: Model,
-        first: Bytes,
-        second: Bytes,
-        known: Known = (None, None),
-    ) -> None:
+    def __init__(self, model: Model, first: Bytes, second: Bytes, known: Known = UNKNOWN) -> None:
         self._fine = DepthInterpolator(model, first, second, known)
         self._stiff = None
         settled = all(one is not None and one.depth is not None and one.is_settled for one in known)
@@ -74,9 +67,16 @@ class AveragedDepthInterpolator:
 
     def interpolate(self, camera: Floats, temporal_position: float) -> Interpolation:
         """Average two predictions of one frame; positions and weights are those of the fine sweep."""
-        wanted = camera, temporal_position
-        found = self._fine.interpolate(*wanted)
-        return found if self._stiff is None else average(found, self._stiff.interpolate(*wanted))
+        fine = self._fine.interpolate(camera, temporal_position)
+        if self._stiff is None:
+            return fine
+        stiff = self._stiff.interpolate(camera, temporal_position)
+        pairs = zip(fine.compensated, stiff.compensated, strict=True)
+        return fine._replace(
+            luma=0.5 * (fine.luma + stiff.luma),
+            compensated=tuple(0.5 * (one + other) for one, other in pairs),
+            expected_error=0.5 * (fine.expected_error + stiff.expected_error),
+        )
 
 
 def relative_parallax(model: Model) -> float:
@@ -85,17 +85,6 @@ def relative_parallax(model: Model) -> float:
     shape = size.height_px, size.width_px
     warp = warp_matrix(*pair.cameras, size)
     return parallax_px(pair.inverse_depth_ranges[0], warp, shape) / max(shape)
-
-
-def average(first: Interpolation, second: Interpolation) -> Interpolation:
-    """Average two predictions of a frame."""
-    return first._replace(
-        luma=0.5 * (first.luma + second.luma),
-        compensated=tuple(
-            0.5 * (one + other) for one, other in zip(first.compensated, second.compensated, strict=True)
-        ),
-        expected_error=0.5 * (first.expected_error + second.expected_error),
-    )
 
 
 BLOCK_PX = 4
@@ -120,10 +109,9 @@ class BlockInterpolator:
         model: Model,
         first: Bytes,
         second: Bytes,
-        known: Known = (None, None),
+        known: Known = UNKNOWN,
         views: tuple[DepthView, DepthView] | None = None,
     ) -> None:
-        del known
         self._model = model
         self.views = views or estimate_depths(model.view_pair, first, second)
         self._features = (luma_features(first), luma_features(second))
@@ -132,58 +120,39 @@ class BlockInterpolator:
         """Predict one frame."""
         frame = self._model.pixel_frame
         rendered = render_depth(self.views, camera, frame)
-        blocks = self._block_depths(camera, rendered)
+        start = block_medians(rendered.inverse_depth, BLOCK_PX)
+        visible = block_medians(rendered.reliable.astype(np.float64), BLOCK_PX) >= 0.5
+        blocks = self._block_depths(camera, rendered.inverse_depth.shape, start, visible)
         depth = DepthMap(spread_blocks(blocks, BLOCK_PX, rendered.inverse_depth.shape), rendered.visibility)
-        return interpolate(self.views, depth, camera, temporal_position, frame)
+        return render_between(self.views, camera, temporal_position, frame, depth)
 
-    def _block_depths(self, camera: Floats, rendered: DepthMap) -> Floats:
+    def _block_depths(self, camera: Floats, shape: tuple[int, int], start: Floats, visible: Mask) -> Floats:
         """Search the inverse depth of every block of a view, starting from the rendered one."""
         frame = self._model.pixel_frame
         first, second = (warp_matrix(camera, view.camera, frame) for view in self.views)
         view = VirtualView(self._features, (first, second), BLOCK_PX)
-        reference = max(view.warps, key=_relative_motion)
-        hypotheses = depth_hypotheses(
-            inverse_depth_range(self._known_inverse_depths(camera)),
-            reference,
-            rendered.inverse_depth.shape,
-            SWEEP,
-        )
+        # The reference of the largest motion by depth, which grows with the distance between camera centres.
+        reference = max(view.warps, key=lambda warp: np.linalg.norm(warp[:, 3]) / np.linalg.norm(warp[:, :3]))
+        # Inverse depths of the correspondences in the view bound its hypotheses.
+        model = self._model
+        usable = np.isfinite(model.depths) & (model.depths > 0)
+        to_view = warp_matrix(model.first_camera, camera, frame)
+        inverse_depth = 1.0 / model.depths[usable]
+        points = homogeneous(model.correspondences.first)[usable]
+        third = (np.column_stack([points, inverse_depth]) @ to_view.T)[:, 2]
+        before = third > 1e-6
+        inverse_depths = inverse_depth_range(inverse_depth[before] / third[before])
+        hypotheses = depth_hypotheses(inverse_depths, reference, shape, SWEEP)
         cost = block_costs(view, hypotheses, SPACING_PX)
-        start = block_medians(rendered.inverse_depth, BLOCK_PX)
-        visible = block_medians(rendered.reliable.astype(np.float64), BLOCK_PX) >= 0.5
         cost[~visible] = 0
-        cost += _start_cost(start, hypotheses)
+        levels = hypotheses.inverse_depth(np.arange(float(hypotheses.num_hypotheses)))
+        leaving = np.minimum(START_WEIGHT * np.abs(levels - start[..., None]) / hypotheses.step, START_LIMIT)
+        cost += np.floor(leaving + 0.5).astype(np.int16)
         plain = np.zeros(cost.shape[:2], np.uint8)
         chosen, _ = semi_global(cost, plain, SWEEP.small_jump, SWEEP.large_jump)
         depth = hypotheses.inverse_depth(chosen)
         refined = refine_blocks(view, depth, hypotheses.step, WINDOW_RADIUS_PX)
         return np.where(visible, refined, depth)
-
-    def _known_inverse_depths(self, camera: Floats) -> Floats:
-        """Inverse depths of the correspondences in the wanted view."""
-        model = self._model
-        usable = np.isfinite(model.depths) & (model.depths > 0)
-        to_view = warp_matrix(model.first_camera, camera, model.pixel_frame)
-        inverse_depth = 1.0 / model.depths[usable]
-        points = homogeneous(model.correspondences.first)[usable]
-        third = (np.column_stack([points, inverse_depth]) @ to_view.T)[:, 2]
-        before = third > 1e-6
-        known: Floats = inverse_depth[before] / third[before]
-        return known
-
-
-def _relative_motion(warp: Floats) -> float:
-    """Return a measure of the motion by depth, which grows with the distance between the camera centres."""
-    return float(np.linalg.norm(warp[:, 3]) / np.linalg.norm(warp[:, :3]))
-
-
-def _start_cost(start: Floats, hypotheses: DepthHypotheses) -> NDArray[np.int16]:
-    """Return the cost of leaving the start of a block, per block and hypothesis."""
-    distance = np.abs(
-        hypotheses.inverse_depth(np.arange(float(hypotheses.num_hypotheses))) - start[..., None]
-    )
-    cost = np.minimum(START_WEIGHT * distance / hypotheses.step, START_LIMIT)
-    return np.floor(cost + 0.5).astype(np.int16)
 
 
 def spread_blocks(depth: Floats, block_px: int, shape: tuple[int, ...]) -> Floats:
@@ -201,8 +170,8 @@ def spread_blocks(depth: Floats, block_px: int, shape: tuple[int, ...]) -> Float
             corners.append(depth[np.ix_(*at)])
             shares.append(np.outer(*share))
     stack, weights = np.stack(corners), np.stack(shares)
-    own = np.take_along_axis(stack, weights.argmax(axis=0)[None], axis=0)[0]
-    weights = np.where(np.abs(stack - own) <= 0.03 * span, weights, 0.0)
+    block = np.take_along_axis(stack, weights.argmax(axis=0)[None], axis=0)[0]
+    weights = np.where(np.abs(stack - block) <= 0.03 * span, weights, 0.0)
     smooth: Floats = (weights * stack).sum(axis=0) / weights.sum(axis=0)
     return smooth
 
@@ -218,21 +187,15 @@ class FusedInterpolator:
 
     name = "fused"
 
-    def __init__(
-        self,
-        model: Model,
-        first: Bytes,
-        second: Bytes,
-        known: Known = (None, None),
-    ) -> None:
+    def __init__(self, model: Model, first: Bytes, second: Bytes, known: Known = UNKNOWN) -> None:
         self._depth = DepthInterpolator(model, first, second, known)
         self.views = self._depth.views
         self._blocks = BlockInterpolator(model, first, second, views=self.views)
 
     def interpolate(self, camera: Floats, temporal_position: float) -> Interpolation:
         """Fuse one frame; positions and weights are those of the depth."""
-        wanted = camera, temporal_position
-        return fuse_scenes(self._depth.interpolate(*wanted), self._blocks.interpolate(*wanted))
+        pose = camera, temporal_position
+        return fuse_scenes(self._depth.interpolate(*pose), self._blocks.interpolate(*pose))
 
 
 def fuse_scenes(depth: Interpolation, blocks: Interpolation) -> Interpolation:

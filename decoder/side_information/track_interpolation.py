@@ -1,32 +1,118 @@
-"""Prediction between two references that are aligned by tracked points only, without a model of the scene.
+"""Prediction between two references that are aligned by tracked points, without a model of the scene.
 
-Each reference is warped separately. References are weighted by coverage and displacement: one that is close
-to the camera of the frame is nearly the frame itself. Block motion compensates the remaining differences, but
-counts only if it makes the references agree. This predicts frames without a model of the scene, and
-complements the model if the scene is not static.
+A homography per reference, fitted to the points, warps both onto the frame. Block motion compensates the
+remaining differences. In the method `tracks` residuals of the points correct the warps, references are
+weighted by coverage and displacement, since one that is close to the camera of the frame is nearly the frame
+itself, and block motion counts only if it makes the references agree.
 """
 
 from collections.abc import Sequence
 from fractions import Fraction
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from scipy.ndimage import map_coordinates, uniform_filter
 
-from decoder.side_information.alignment import homography_positions, whole_frame_motion
 from decoder.side_information.block_motion import (
     BLOCK_PX,
+    BlockMotionInterpolation,
     compensate,
     estimate_motion,
     phase_planes,
     split_field,
 )
-from decoder.side_information.protocol import Interpolation, ReferenceFrame
-from decoder.side_information.weighting import neighbourhood
+from decoder.side_information.protocol import Interpolation, Prediction, ReferenceFrame
+from decoder.side_information.synthesis import neighbourhood
 from dvc._jit import kernel
 from dvc.arrays import Bytes, Floats, Integers
+from dvc.geometry.cameras import homogeneous
 from dvc.geometry.warping import sample
+from dvc.video import Frame
 from dvc.wynerziv.transform import to_uint8
+from sfm.decompositions import right_singular
+
+MIN_NUM_POINTS = 12
+"""Points that a homography is fitted to at least."""
+MIN_AFFINE_POINTS = 6
+"""Points that an affine map is fitted to at least; fewer give a translation."""
+REACH_PX = 3.0
+"""Largest distance of a point from its mapped position in the common motion."""
+MAX_CONDITION = 16.0
+"""Largest quotient of the scales of a plausible map over a frame."""
+
+
+def whole_frame_motion(points: Floats, matches: Floats) -> Floats:
+    """Fit the common motion of points: a homography, or fewer parameters for few points."""
+    finite = np.isfinite(points).all(axis=1) & np.isfinite(matches).all(axis=1)
+    first, second, translation = points[finite], matches[finite], np.eye(3)
+    if not len(first):
+        return translation
+    translation[:2, 2] = np.median(second - first, axis=0)
+    if len(first) < MIN_AFFINE_POINTS:
+        return translation
+    if len(first) >= MIN_NUM_POINTS:
+        found, _ = cv2.findHomography(
+            first, second, cv2.USAC_MAGSAC, REACH_PX, confidence=0.999, maxIters=2000
+        )
+        if found is not None and _is_sane(homography := np.asarray(found, dtype=np.float64), first):
+            return homography
+    affine, _ = cv2.estimateAffine2D(first, second, method=cv2.RANSAC, ransacReprojThreshold=REACH_PX)
+    if affine is not None:
+        whole = np.vstack([affine, [0.0, 0.0, 1.0]])
+        if _is_sane(whole, first):
+            return whole
+    return translation
+
+
+def _is_sane(homography: Floats, points: Floats) -> bool:
+    """Return whether a map neither turns a frame over nor shrinks parts of it implausibly."""
+    if not np.isfinite(homography).all():
+        return False
+    third = homogeneous(points) @ homography[2]
+    if third.min() <= 0.0 or third.max() > MAX_CONDITION * third.min():
+        return False
+    scales, _ = right_singular(homography[:2, :2] / third.mean())
+    turned = float(np.linalg.det(homography[:2, :2])) <= 0.0
+    return not turned and scales[1] > 1.0 / MAX_CONDITION and scales[0] < MAX_CONDITION
+
+
+def homography_positions(homography: Floats, shape: tuple[int, ...]) -> Floats:
+    """Return the positions of the pixels of a frame under a homography."""
+    rows, columns = np.indices(shape)
+    points = np.stack([columns.ravel(), rows.ravel()], axis=-1).astype(np.float64)
+    image = homogeneous(points) @ homography.T
+    third = np.where(np.abs(image[:, 2:]) > 1e-9, image[:, 2:], 1e-9)
+    limit = 4.0 * max(shape)
+    positions: Floats = np.clip(image[:, :2] / third, -limit, limit)
+    return positions.reshape(*shape, 2)
+
+
+def warp_frame(frame: Frame, homography: Floats) -> Frame:
+    """Warp a frame."""
+
+    def _warp(plane: Bytes, homography: Floats) -> Bytes:
+        warped = sample(plane, homography_positions(homography, plane.shape))
+        return np.floor(warped + 0.5).astype(np.uint8)
+
+    luma = _warp(frame.luma, homography)
+    if frame.chroma is None:
+        return Frame(luma, None)
+    # A chroma sample lies half a pixel right of and below its luma sample: only the scale changes.
+    halved = np.diag([0.5, 0.5, 1.0]) @ homography @ np.diag([2.0, 2.0, 1.0])
+    return Frame(luma, (_warp(frame.chroma[0], halved), _warp(frame.chroma[1], halved)))
+
+
+def aligned_block_motion(
+    around: tuple[ReferenceFrame, ReferenceFrame], instant: int, points: tuple[Floats, Floats, Floats]
+) -> Prediction:
+    """Predict a frame by block motion between references that tracked points have aligned with it."""
+    before, at_instant, after = points
+    warped = []
+    for reference, matches in zip(around, (before, after), strict=True):
+        homography = whole_frame_motion(at_instant, matches)
+        warped.append(ReferenceFrame(reference.index, warp_frame(reference.frame, homography)))
+    return BlockMotionInterpolation().predict(warped, None, [instant])[0]
 
 
 class Field(NamedTuple):
@@ -45,17 +131,17 @@ PRIOR = 0.3
 """Weight of a residual of zero, relative to that of a point at the same position."""
 LATTICE_PX = 4
 """Distance of the nodes of a field."""
-MIN_NUM_POINTS = 3
+MIN_NUM_RESIDUALS = 3
 """Least number of points with residuals that can agree."""
 
 
 def corrected_positions(
-    positions: Floats, wanted: Floats, reference: Floats, fields: Sequence[Field] = NEAR
+    positions: Floats, wanted: Floats, reference: Floats, fields: Sequence[Field]
 ) -> Floats:
     """Correct positions in a reference by residuals of tracks, in one field after the other."""
     for field in fields:
-        found = track_residuals(wanted, reference, positions, field.max_residual_px)
-        positions = add_correction(positions, *found, field)
+        residuals = track_residuals(wanted, reference, positions, field.max_residual_px)
+        positions = add_correction(positions, *residuals, field)
     return positions
 
 
@@ -74,23 +160,40 @@ def track_residuals(
     return points[near], residuals[near]
 
 
+def corrected(
+    rendered: Interpolation, keys: tuple[Bytes, Bytes], tracks: tuple[Floats, Floats, Floats]
+) -> Interpolation:
+    """Correct a rendered frame by the residuals of tracks."""
+    before, wanted, after = tracks
+    luma, compensated, moved = rendered.luma, [], []
+    for key, there, positions, weight, old in zip(
+        keys, (before, after), rendered.positions, rendered.weights, rendered.compensated, strict=True
+    ):
+        place = corrected_positions(positions, wanted, there, NEAR)
+        change = sample(key, place) - sample(key, positions)
+        luma = luma + weight * change
+        compensated.append(np.clip(old + change, 0.0, 255.0))
+        moved.append(place)
+    return rendered._replace(
+        luma=np.clip(luma, 0.0, 255.0), compensated=tuple(compensated), positions=tuple(moved)
+    )
+
+
 def add_correction(positions: Floats, points: Floats, residuals: Floats, field: Field) -> Floats:
     """Add the correction by residuals at scattered points, bilinear between nodes of a lattice."""
-    if len(points) < MIN_NUM_POINTS:
+    if len(points) < MIN_NUM_RESIDUALS:
         return positions.copy()
-    (i, below, k), (j, right, m) = (_between_nodes(side) for side in positions.shape[:2])
+    lattice: list[tuple[Integers, Floats, Integers]] = []  # node before each pixel, distance, node behind
+    for side in positions.shape[:2]:
+        first, rest = np.divmod(np.arange(side), LATTICE_PX)
+        lattice.append((first, rest / LATTICE_PX, np.minimum(first + 1, -(-(side - 1) // LATTICE_PX))))
+    (i, below, k), (j, right, m) = lattice
     nodes = np.empty((k[-1] + 1, m[-1] + 1, 2))
     arguments = np.ascontiguousarray(points / LATTICE_PX), np.ascontiguousarray(residuals)
     correction_field(*arguments, field.reach_px / LATTICE_PX, PRIOR, field.noise_px2, nodes)
     lines = nodes[i] + below[:, None, None] * (nodes[k] - nodes[i])
     moved: Floats = positions + (lines[:, j] + right[:, None] * (lines[:, m] - lines[:, j]))
     return moved
-
-
-def _between_nodes(side: int) -> tuple[Integers, Floats, Integers]:
-    """Return the node before each pixel of a line, the distance from it in nodes, and the node behind."""
-    first, rest = np.divmod(np.arange(side), LATTICE_PX)
-    return first, rest / LATTICE_PX, np.minimum(first + 1, -(-(side - 1) // LATTICE_PX))
 
 
 @kernel
@@ -164,34 +267,19 @@ def warp_by_tracks(reference: Bytes, points: Floats, matches: Floats) -> Tracked
     shape = reference.shape
     positions = homography_positions(whole_frame_motion(points, matches), shape)
     positions = corrected_positions(positions, points, matches, WIDE_TO_NARROW)
-    luma, moved = sample(reference, positions), _displacement(positions)
-    inside = _coverage(positions)
-    return TrackedWarp(luma, positions, inside, moved, _expected_error(luma, inside, moved))
-
-
-def _displacement(positions: Floats) -> Floats:
-    rows, columns = np.indices(positions.shape[:2])
+    luma = sample(reference, positions)
+    rows, columns = np.indices(shape)
     across, down = positions[..., 0] - columns, positions[..., 1] - rows
     distance = np.minimum(np.sqrt(across * across + down * down), MAX_DISPLACEMENT_PX)
-    mean: Floats = uniform_filter(distance, DISPLACEMENT_WINDOW, mode="nearest")
-    return mean
-
-
-def _coverage(positions: Floats) -> Floats:
-    size = np.array(positions.shape[1::-1])
-    beyond = np.maximum(-positions, positions - (size - 1)).max(axis=-1)
-    inside: Floats = np.clip(1.0 - beyond, 0.0, 1.0)
-    return inside
-
-
-def _expected_error(luma: Floats, coverage: Floats, displacement_px: Floats) -> Floats:
-    side = DETAIL_WINDOW
-    detail = np.abs(luma - uniform_filter(luma, side, mode="nearest"))
-    detail = uniform_filter(detail, side, mode="nearest")
-    still = BASE_ERROR + DETAIL_ERROR * detail
-    moved = displacement_px * (MOTION_ERROR[0] + MOTION_ERROR[1] * detail)
-    error: Floats = (still + moved) * (1.0 + (UNSEEN_ERROR - 1.0) * (1.0 - coverage))
-    return error
+    displacement_px = uniform_filter(distance, DISPLACEMENT_WINDOW, mode="nearest")
+    beyond = np.maximum(-positions, positions - (np.array(shape[::-1]) - 1)).max(axis=-1)
+    coverage = np.clip(1.0 - beyond, 0.0, 1.0)
+    detail = np.abs(luma - uniform_filter(luma, DETAIL_WINDOW, mode="nearest"))
+    detail = uniform_filter(detail, DETAIL_WINDOW, mode="nearest")
+    error = BASE_ERROR + DETAIL_ERROR * detail
+    error = error + displacement_px * (MOTION_ERROR[0] + MOTION_ERROR[1] * detail)
+    error = error * (1.0 + (UNSEEN_ERROR - 1.0) * (1.0 - coverage))
+    return TrackedWarp(luma, positions, coverage, displacement_px, error)
 
 
 METHOD = "tracks"
@@ -234,11 +322,33 @@ def interpolate_by_tracks(
         warp_by_tracks(around[1].frame.luma, wanted, after),
     )
     distances = instant - around[0].index, around[1].index - instant
-    shares = _error_shares(warps, distances)
+    paces = []
+    for warp, distance in zip(warps, distances, strict=True):
+        squared = warp.displacement_px**2 + (PACE_PX * distance) ** 2
+        paces.append(squared / np.sqrt(np.sqrt(squared)))
+    first_share: Floats = paces[0] / (paces[0] + paces[1])
+    shares = first_share, 1.0 - first_share  # each reference in the squared difference of both
     both = np.minimum(warps[0].coverage, warps[1].coverage)
-    aligned = _filled(*warps), _filled(*warps[::-1])
+    first, second = (warp.coverage for warp in warps)
+    aligned = (  # each filled from the other one outside its coverage
+        np.where((first < 1.0) & (second > first), warps[1].luma, warps[0].luma),
+        np.where((second < 1.0) & (first > second), warps[0].luma, warps[1].luma),
+    )
     warped = _weighted(aligned, warps, shares)
-    moved = _weighted(_block_motion(aligned, warps, distances), warps, shares) if moves else warped
+    moved = warped
+    if moves:  # block motion compensates the rest, divided by the distances of the references
+        paces_px = [
+            float(np.median(warp.displacement_px)) + MIN_PACE_PX * distance
+            for warp, distance in zip(warps, distances, strict=True)
+        ]
+        step = round(POSITION_STEPS * paces_px[0] / (paces_px[0] + paces_px[1]))
+        position = Fraction(min(max(step, 1), POSITION_STEPS - 1), POSITION_STEPS)
+        rounded = to_uint8(aligned[0]), to_uint8(aligned[1])
+        field = estimate_motion(*rounded, position)
+        planes, offsets = [phase_planes(luma) for luma in rounded], list(split_field(field, position))
+        weights = [np.ones(field.shape[:2])] * 2
+        _, lumas = compensate(planes, offsets, weights, BLOCK_PX, rounded[0].shape)
+        moved = _weighted((lumas[0], lumas[1]), warps, shares)
     misfit = USUAL_MISFIT * moved.difference + NOISE
     share = np.floor(both) * np.maximum(1.0 - misfit / np.maximum(warped.difference, NOISE), 0.0)
     luma = warped.luma + share * (moved.luma - warped.luma)
@@ -248,32 +358,8 @@ def interpolate_by_tracks(
     limit = 2.0 * error
     compensated = tuple(luma + np.clip(warp.luma - luma, -limit, limit) for warp in warps)
     positions = tuple(warp.positions for warp in warps)
-    return Interpolation(
-        luma,
-        compensated,
-        warped.weights,
-        positions,
-        error,
-        (warped.luma, moved.luma) if moves else (warped.luma,),
-    )
-
-
-def _error_shares(
-    warps: tuple[TrackedWarp, TrackedWarp], distances: tuple[int, int]
-) -> tuple[Floats, Floats]:
-    """Return the share of each reference in the squared difference of both."""
-    paces = []
-    for warp, distance in zip(warps, distances, strict=True):
-        squared = warp.displacement_px**2 + (PACE_PX * distance) ** 2
-        paces.append(squared / np.sqrt(np.sqrt(squared)))
-    first: Floats = paces[0] / (paces[0] + paces[1])
-    return first, 1.0 - first
-
-
-def _filled(warp: TrackedWarp, other: TrackedWarp) -> Floats:
-    """Return a warped reference, filled from the other one outside its coverage."""
-    filled: Floats = np.where((warp.coverage < 1.0) & (other.coverage > warp.coverage), other.luma, warp.luma)
-    return filled
+    hypotheses = (warped.luma, moved.luma) if moves else (warped.luma,)
+    return Interpolation(luma, compensated, warped.weights, positions, error, hypotheses)
 
 
 def _weighted(
@@ -287,24 +373,3 @@ def _weighted(
     luma = weights[0] * lumas[0] + weights[1] * lumas[1]
     error = weights[0] ** 2 * errors[0] + weights[1] ** 2 * errors[1]
     return _Weighted(luma, weights, difference, error)
-
-
-def _block_motion(
-    aligned: tuple[Floats, Floats],
-    warps: tuple[TrackedWarp, TrackedWarp],
-    distances: tuple[int, int],
-) -> tuple[Floats, Floats]:
-    """Compensate the remaining motion, divided by the distances of the references."""
-    paces = [
-        float(np.median(warp.displacement_px)) + MIN_PACE_PX * distance
-        for warp, distance in zip(warps, distances, strict=True)
-    ]
-    step = round(POSITION_STEPS * paces[0] / (paces[0] + paces[1]))
-    position = Fraction(min(max(step, 1), POSITION_STEPS - 1), POSITION_STEPS)
-    first, second = to_uint8(aligned[0]), to_uint8(aligned[1])
-    field = estimate_motion(first, second, position)
-    weights = [np.ones(field.shape[:2])] * 2
-    planes = [phase_planes(first), phase_planes(second)]
-    offsets = list(split_field(field, position))
-    _, compensated = compensate(planes, offsets, weights, BLOCK_PX, first.shape)
-    return compensated[0], compensated[1]

@@ -1,5 +1,1 @@
-"""Tracking at the decoder: points received for each frame become tracks between two key frames."""
-
-from decoder.tracking.matching import TrackingSettings, match_points
-
-__all__ = ["TrackingSettings", "match_points"]
+"""Tracking at the decoder: received points become tracks between two key frames, tracks give cameras."""

@@ -1,12 +1,8 @@
-"""From received corners to tracks: the choice of correspondences, and their positions in each frame.
+"""Tracks of a group of pictures from received points.
 
 A detector finds the strongest response near the point of a correspondence, about a pixel away, in every
 frame. Matching therefore follows the curve of the corner, between the strongest responses in the key frames.
-The final track is that of the point itself, at its offset from the corner.
-
-References
-----------
-[Maitre2008] Sec. 5.4.2.
+The final track is that of the point itself, at its offset from the corner. [Maitre2008] Sec. 5.4.2.
 """
 
 import math
@@ -15,11 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from decoder.tracking.registration import ReceivedPoints, RegistrationSettings, register
-from decoder.tracking.snakes import SnakeSettings, fit_snakes
+from decoder.tracking.curves import ReceivedPoints, RegistrationSettings, SnakeSettings, fit_snakes, register
 from dvc.arrays import Bytes, Floats, Mask
 from dvc.corners import SENT_WINDOW_PX, corner_response, spaced
-from dvc.tracks.points import FeaturePoints, PointTracks
+from dvc.tracks import FeaturePoints, PointTracks
 from sfm.scene_model import Correspondences, Reconstruction
 
 SEARCH_RADIUS_PX = 2
@@ -55,11 +50,24 @@ def match_points(
     settings: TrackingSettings | None = None,
 ) -> PointTracks:
     """Find the tracks between two key frames that corners of the frames between belong to."""
+    from sfm.correspondences import outliers
+
     settings = settings or TrackingSettings()
-    frames = [ReceivedPoints(_inside(frame, first.shape)) for frame in points.frames]
+    size, frames = np.array(first.shape[::-1]), []
+    for frame in points.frames:  # without points outside the image, and without duplicates
+        received = np.asarray(frame, dtype=np.float64).reshape(-1, 2)
+        with np.errstate(invalid="ignore"):
+            inside = np.logical_and(received >= -0.5, received <= size - 0.5).all(axis=1)
+        frames.append(ReceivedPoints(np.unique(received[inside], axis=0)))
     num_instants = len(frames) + 2
-    known = _known(reconstruction, settings)
-    pairs = choose_paired_corners(known, first, second, settings.num_snakes, settings.separation_px)
+    # Correspondences of a reliable model are trusted, or else those matched that move alike.
+    if reconstruction.model is not None and reconstruction.success:
+        trusted = reconstruction.model.correspondences
+    else:
+        trusted = reconstruction.stages.get("matching", Correspondences.empty())
+        if len(trusted):
+            trusted = trusted[outliers.motion(trusted, settings.motion_limit_px, settings.motion_spreads)]
+    pairs = choose_paired_corners(trusted, first, second, settings.num_snakes, settings.separation_px)
     if not frames or not len(pairs):
         return PointTracks.none(num_instants)
     temporal_positions = np.arange(1, num_instants - 1) / (num_instants - 1)
@@ -67,44 +75,16 @@ def match_points(
     expected = pairs.corners(temporal_positions) + np.swapaxes(deviation, 0, 1)
     snakes = fit_snakes(pairs.first, pairs.second, expected, frames, settings.snakes)
     seen = np.isfinite(snakes.received[..., 0])
-    seen &= _beyond_chance(seen, frames, first.size, settings)
+    # Frames count if snakes located more points in them than among random ones.
+    density = np.array([len(frame) for frame in frames]) / first.size
+    by_chance = len(seen) * math.pi * settings.snakes.radii_px[-1] ** 2 * density
+    least = by_chance + settings.significance * np.sqrt(by_chance) + settings.min_matches
+    seen &= np.count_nonzero(seen, axis=0) >= least
     positions = np.where(seen[..., None], snakes.positions - pairs.offsets(temporal_positions), np.nan)
     needed = max(1.0, settings.support * np.count_nonzero(seen.any(axis=0)))
     supported = np.count_nonzero(seen, axis=1) >= needed
     ends = pairs.pairs.first[:, None], pairs.pairs.second[:, None]
     return PointTracks(np.concatenate([ends[0], positions, ends[1]], axis=1)[supported])
-
-
-def _beyond_chance(
-    seen: Mask, frames: list[ReceivedPoints], num_pixels: int, settings: TrackingSettings
-) -> Mask:
-    """Return a mask (T,) of frames in which snakes located more points than among random ones."""
-    disc_px2 = math.pi * settings.snakes.radii_px[-1] ** 2
-    density = np.array([len(frame) for frame in frames]) / num_pixels
-    expected = len(seen) * disc_px2 * density
-    min_found = expected + settings.significance * np.sqrt(expected) + settings.min_matches
-    return np.asarray(np.count_nonzero(seen, axis=0) >= min_found)
-
-
-def _inside(points: Floats, shape: tuple[int, ...]) -> Floats:
-    """Remove points outside the image, and duplicates."""
-    points = np.asarray(points, dtype=np.float64).reshape(-1, 2)
-    size = np.array(shape[::-1])
-    with np.errstate(invalid="ignore"):
-        inside = np.logical_and(points >= -0.5, points <= size - 0.5).all(axis=1)
-    return np.unique(points[inside], axis=0)
-
-
-def _known(reconstruction: Reconstruction, settings: TrackingSettings) -> Correspondences:
-    """Return the correspondences of a model that can be trusted, or those matched that move alike."""
-    from sfm.correspondences import outliers
-
-    if reconstruction.model is not None and reconstruction.success:
-        return reconstruction.model.correspondences
-    pairs = reconstruction.stages.get("matching", Correspondences.empty())
-    if not len(pairs):
-        return pairs
-    return pairs[outliers.motion(pairs, settings.motion_limit_px, settings.motion_spreads)]
 
 
 class PairedCorners(NamedTuple):
@@ -120,16 +100,13 @@ class PairedCorners(NamedTuple):
 
     def corners(self, temporal_positions: Floats) -> Floats:
         """Move the corners evenly from key frame to key frame."""
-        return _evenly(self.first, self.second, temporal_positions)
+        t = temporal_positions[None, :, None]
+        return (1.0 - t) * self.first[:, None] + t * self.second[:, None]
 
     def offsets(self, temporal_positions: Floats) -> Floats:
         """Return how far the corners are from their points."""
-        return _evenly(self.first - self.pairs.first, self.second - self.pairs.second, temporal_positions)
-
-
-def _evenly(first: Floats, second: Floats, temporal_positions: Floats) -> Floats:
-    t = temporal_positions[None, :, None]
-    return (1.0 - t) * first[:, None] + t * second[:, None]
+        differences = self.first - self.pairs.first, self.second - self.pairs.second
+        return PairedCorners(self.pairs, *differences).corners(temporal_positions)
 
 
 def choose_paired_corners(

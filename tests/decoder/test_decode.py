@@ -24,12 +24,10 @@ CONFIG = codec_config(VIDEO, quality=Qp(30))
 
 @pytest.fixture(scope="module")
 def frames() -> list[Frame]:
-    """Return five views of a static scene."""
     return [Frame(render(time, PixelFrame(*SIZE))[0]) for time in np.linspace(0.0, 1.0, 5)]
 
 
 def test_calls_do_what_commands_do(frames: list[Frame], tmp_path: Path) -> None:
-    """The stream is that of the command; pictures, what they cost, and PSNRs are those of its report."""
     clip, command, call = (tmp_path / name for name in ("clip.y4m", "command.dvc", "call.dvc"))
     write_clip(clip, frames)
     assert encoder_command.main([str(clip), str(command), "--qp", "30", "--luma-only", "--quiet"]) == 0
@@ -53,7 +51,6 @@ def test_calls_do_what_commands_do(frames: list[Frame], tmp_path: Path) -> None:
 
 
 def test_depth_is_that_of_the_scene(frames: list[Frame], tmp_path: Path) -> None:
-    """Where a frame was predicted from the scene, near is near; key frames have none."""
     config = codec_config(VIDEO, quality=Qp(18))
     encoder.encode(frames, config, tmp_path / "stream.dvc")
     pictures = list(decoder.decode(tmp_path / "stream.dvc"))
@@ -68,14 +65,12 @@ def test_depth_is_that_of_the_scene(frames: list[Frame], tmp_path: Path) -> None
 
 
 def test_a_stream_without_feedback(frames: list[Frame], tmp_path: Path) -> None:
-    """The delivery that the configuration was made for is told to the call as well."""
     delivery, path = NoFeedback(), tmp_path / "stream.dvc"
     encoder.encode(frames, codec_config(VIDEO, quality=Qp(30)), path, delivery)
     assert len(list(decoder.decode(path))) == len(frames)
 
 
 def test_wrong_input(frames: list[Frame], tmp_path: Path) -> None:
-    """No frames, and frames of another size, leave nothing behind; what is no stream says so."""
     path = tmp_path / "stream.dvc"
     with pytest.raises(VideoError, match="no frames"):
         encoder.encode([], CONFIG, path)

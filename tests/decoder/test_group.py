@@ -21,14 +21,12 @@ from tests.streams import config_of, encoded, tasks_of
 
 
 def test_unknown_methods_are_refused() -> None:
-    """A stream that names a method of the future is refused by name."""
     config = codec_config(VideoConfig(16, 16, 25, 1), side_information={"method": "magic"})
     with pytest.raises(BitstreamError, match="'magic' is not installed; available: mci"):
         GroupDecoder(config)
 
 
 def predicted(value: float = 7.0, shape: tuple[int, int] = (3, 5)) -> Prediction:
-    """Return a prediction of one value."""
     return Prediction(np.full(shape, value), None, (np.zeros((3, 5)),), "of others")
 
 
@@ -47,7 +45,6 @@ def predicted(value: float = 7.0, shape: tuple[int, int] = (3, 5)) -> Prediction
     ],
 )
 def test_a_method_of_others_that_errs_is_named(found: object, told: str) -> None:
-    """In one line, whatever it returns; what is right passes."""
     good = predicted()
     assert single_prediction([good], (3, 5), "mine") is good
     with pytest.raises(DvcError) as caught:
@@ -55,8 +52,11 @@ def test_a_method_of_others_that_errs_is_named(found: object, told: str) -> None
     assert str(caught.value) == f"side information 'mine': {told}"
 
 
+Group = tuple[CodecConfig, GroupTask]
+
+
 @pytest.fixture(scope="module", params=["cascade", "turbo"])
-def config_and_task(request: pytest.FixtureRequest) -> tuple[CodecConfig, GroupTask]:
+def config_and_task(request: pytest.FixtureRequest) -> Group:
     """Return a group of seven Wyner-Ziv frames, in three levels, as it is buffered."""
     video, gop = VideoConfig(32, 24, 25, 1, luma_only=True), {"length": 8, "references": "hierarchical"}
     coder = CODERS[request.param]()
@@ -84,12 +84,11 @@ def levels_of(config: CodecConfig, task: GroupTask) -> tuple[DecodedGroup, list[
     [(2**21, [(3,), (1, 5), (0, 2, 4, 6)]), (3 * 24 * 32, [(3,), (1, 5), (0, 2, 4), (6,)])],
 )
 def test_the_first_frame_of_a_level_has_the_bits_of_all(
-    config_and_task: tuple[CodecConfig, GroupTask],
+    config_and_task: Group,
     monkeypatch: pytest.MonkeyPatch,
     most_px: int,
     parts: list[tuple[int, ...]],
 ) -> None:
-    """In its payload; what frames cost adds up to all, and the punctured group is decoded as it was."""
     config, task = config_and_task
     layout = FrameLayout.of(config)
     monkeypatch.setattr(group, "MAX_LEVEL_PX", most_px)
@@ -111,11 +110,14 @@ def test_the_first_frame_of_a_level_has_the_bits_of_all(
         np.testing.assert_array_equal(ours.luma, theirs.luma)
 
 
+def test_a_group_without_a_frame_before_it_is_refused(config_and_task: Group) -> None:
+    config, task = config_and_task
+    with pytest.raises(BitstreamError, match="Wyner-Ziv frames without a frame before them"):
+        GroupDecoder(config).decode(replace(task, before=None))
+
+
 @pytest.mark.parametrize("number", [0, 2, 5])
-def test_bits_that_nobody_asks_for_are_refused(
-    config_and_task: tuple[CodecConfig, GroupTask], number: int
-) -> None:
-    """Of any frame of a punctured group, also of one whose bits stand elsewhere."""
+def test_bits_that_nobody_asks_for_are_refused(config_and_task: Group, number: int) -> None:
     config, task = config_and_task
     record = GroupDecoder(config).decode(task).record
     payloads = [*record.wyner_ziv]

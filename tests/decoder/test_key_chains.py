@@ -30,13 +30,11 @@ FRAMES = [
 
 @pytest.fixture(scope="module")
 def stream() -> bytes:
-    """Return a buffered stream of three chains."""
     return encoded(CONFIG, FRAMES)
 
 
 @pytest.fixture(scope="module")
 def groups(stream: bytes) -> list[DecodedGroup]:
-    """Return what is decoded of it."""
     return decoded(stream)
 
 
@@ -50,7 +48,6 @@ def planes_of(groups: Sequence[DecodedGroup]) -> dict[int, list[bytes]]:
 
 
 def test_chains_have_their_length(groups: list[DecodedGroup]) -> None:
-    """Ten frames from an IDR picture, itself counted; quality stays."""
     assert "".join("IP"[group.record.predicted] for group in groups) == "IPPPIPPPIPP"
     found = [frame for group in groups for frame in group.frames]
     quality = [psnr_db(one.luma, other.luma) for one, other in zip(FRAMES, found, strict=True)]
@@ -59,17 +56,16 @@ def test_chains_have_their_length(groups: list[DecodedGroup]) -> None:
 
 @pytest.mark.parametrize("jobs", [1, 2, 3])
 def test_any_number_of_jobs_gives_the_same(stream: bytes, groups: list[DecodedGroup], jobs: int) -> None:
-    """Of the stream, and of what was needed of it, which makes itself again."""
     assert planes_of(decoded(stream, jobs)) == planes_of(groups)
     config = config_of(stream)
     punctured = written(config, [group.record for group in groups], Form.PUNCTURED)
+    assert len(punctured) < len(stream)
     again = decoded(punctured, jobs)
     assert planes_of(again) == planes_of(groups)
     assert written(config, [group.record for group in again], Form.PUNCTURED) == punctured
 
 
 def test_every_part_is_that_of_the_whole(stream: bytes, groups: list[DecodedGroup]) -> None:
-    """Wherever it begins: in a chain, with one, or with a Wyner-Ziv frame."""
     whole = planes_of(groups)
     for first in range(NUM_FRAMES):
         wanted = range(first, min(first + 2, NUM_FRAMES))
@@ -80,7 +76,6 @@ def test_every_part_is_that_of_the_whole(stream: bytes, groups: list[DecodedGrou
 
 
 def test_the_command_writes_any_part(stream: bytes, tmp_path: Path) -> None:
-    """As it stands in the whole video."""
     (tmp_path / "s.dvc").write_bytes(stream)
 
     def video_of(*options: str) -> bytes:
@@ -99,7 +94,6 @@ def test_the_command_writes_any_part(stream: bytes, tmp_path: Path) -> None:
 
 
 def test_key_frames_before_a_part_are_decoded_from_their_chain_on(stream: bytes) -> None:
-    """And no Wyner-Ziv frame of the groups before."""
     for first in range(4, NUM_FRAMES):
         tasks = tasks_of(stream, range(first, first + 1))
         assert len(tasks) == 1
@@ -130,11 +124,7 @@ def first_error(stream: bytes) -> tuple[int, str]:
 @pytest.mark.parametrize(
     ("place", "predicted", "message"),
     [
-        (
-            0,
-            True,
-            "record 1 (group of pictures) at byte [0-9]+: a predicted key frame has no reference here",
-        ),
+        (0, True, "record 1 (group of pictures) at byte [0-9]+: a predicted key frame has no reference here"),
         (2, False, "group of pictures 2: key frame: key frame: "),
         (4, True, "group of pictures 4: key frame: no IDR picture since 13 frames"),
     ],
@@ -142,7 +132,6 @@ def first_error(stream: bytes) -> tuple[int, str]:
 def test_streams_that_lie_about_prediction_are_refused(
     stream: bytes, place: int, predicted: bool, message: str
 ) -> None:
-    """By the number of the group, after all before it."""
     number, found = first_error(changed(stream, place, predicted=predicted))
     assert number == place
     with pytest.raises(BitstreamError, match=message.replace("(", r"\(").replace(")", r"\)")):
@@ -153,7 +142,6 @@ def test_streams_that_lie_about_prediction_are_refused(
 def test_a_chain_longer_than_the_intra_period_is_refused(
     stream: bytes, intra_period: int, place: int, told: int
 ) -> None:
-    """Whatever its pictures are: a decoder that seeks goes back no further."""
     reader = StreamReader(io.BytesIO(stream))
     config = replace(reader.config, key=replace(reader.config.key, intra_period=intra_period))
     message = f"group of pictures {place}: key frame: no IDR picture since {told} frames" if told else ""
@@ -162,7 +150,6 @@ def test_a_chain_longer_than_the_intra_period_is_refused(
 
 @pytest.mark.parametrize("place", [1, 2])
 def test_a_damaged_key_frame_ends_decoding(stream: bytes, groups: list[DecodedGroup], place: int) -> None:
-    """In the middle of a chain as anywhere; what is far enough behind it can be sought."""
     damaged = changed(stream, place, key=b"\xff" * 9)
     number, told = first_error(damaged)
     assert number == place
@@ -171,7 +158,6 @@ def test_a_damaged_key_frame_ends_decoding(stream: bytes, groups: list[DecodedGr
 
 
 def test_groups_of_key_frames_alone() -> None:
-    """Chains of them end with the period, too."""
     config = codec_config(VideoConfig(WIDTH, HEIGHT, 25, 1), "2d", gop=GopConfig(1), key={"intra_period": 4})
     stream = encoded(config, FRAMES[:10])
     found = decoded(stream)

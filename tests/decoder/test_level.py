@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from decoder import wyner_ziv
 from decoder.group_tasks import DecodedFrame
-from decoder.wyner_ziv import Decoded, FrameCoroutine, Prior, Wish, decode_level
+from decoder.wyner_ziv import FrameCoroutine, Prior, Wish, decode_level
 from dvc.config import CascadeConfig
 from dvc.contracts.test_plane_coders import noisy
 from dvc.slepian_wolf import (
@@ -43,6 +43,7 @@ class Frames:
 
     planes: dict[int, list[Bits]]
     llrs: dict[int, list[NDArray[np.float64]]]
+    priors: dict[int, list[Prior]] = field(default_factory=dict)  # besides LLRs
     events: list[tuple[int, str]] = field(default_factory=list)
     found: dict[int, list[Bits]] = field(default_factory=dict)  # by frames
     paid: dict[int, float] = field(default_factory=dict)
@@ -68,15 +69,11 @@ class Frames:
     def _frame(self, frame: int, steps: list[list[tuple[int, ...]]]) -> FrameCoroutine:
         self.found[frame], self.paid[frame], self.again[frame] = [], 0.0, []
         for step in steps:
-            wishes = [
-                Wish(
-                    planes,
-                    AREAS,
-                    np.concatenate([self.llrs[frame][p] for p in planes]),
-                    self._priors(frame, planes),
-                )
-                for planes in step
-            ]
+            wishes = []
+            for planes in step:
+                llrs = [self.llrs[frame][plane] for plane in planes]
+                priors = [self.priors[frame][plane] for plane in planes] if self.priors else llrs
+                wishes.append(Wish(planes, AREAS, np.concatenate(llrs), priors))
             decoded = yield wishes
             assert [len(own) for own in decoded] == [len(planes) for planes in step]
             everything = [one for own in decoded for one in own]
@@ -87,9 +84,6 @@ class Frames:
         self.events.append((frame, "end"))
         luma = np.zeros((4, 4), np.uint8)
         return DecodedFrame(frame, Frame(luma), luma, luma, "test", "")
-
-    def _priors(self, frame: int, planes: tuple[int, ...]) -> list[NDArray[np.float64]]:
-        return [self.llrs[frame][plane] for plane in planes]
 
 
 class Encoder:
@@ -172,7 +166,6 @@ class Plain:
 
 
 def test_frames_of_a_level_share_runs_and_costs() -> None:
-    """Each gets the bits that it wished for; with one check, they cost less than each alone."""
     steps = {7: [[(0, 1)], [(2,)]], 9: [[(0,)], [(1, 2)]], 12: [[(1,)]]}
     frames = Frames.drawn({7: 3, 9: 3, 12: 2})
     encoder = Encoder(frames)
@@ -228,7 +221,6 @@ def test_a_frame_that_has_ended_waits_for_the_others() -> None:
 
 @pytest.mark.parametrize("success", [True, False])
 def test_wrong_runs_are_corrected_by_the_check(success: bool) -> None:
-    """All frames get all their bits again, in the order in which they came; a check that fails is told."""
     frames = Frames.drawn({3: 3, 4: 2, 6: 0})
     encoder, plain = Encoder(frames), Plain(wrong=[1], success=success)
     steps = {3: [[(0,)], [(1, 2)]], 4: [[(1,)], [(0,)]], 6: list[list[tuple[int, ...]]]()}
@@ -272,7 +264,6 @@ def test_wishes_that_are_too_long_together_are_divided(
 
 
 def test_a_frame_has_one_part_in_a_run() -> None:
-    """Several wishes of a frame are in runs of their own, which others join in order of display."""
     frames = Frames.drawn({4: 2, 5: 2, 6: 1})
     steps = {4: [[(0,), (1,)]], 5: [[(0,), (1,)]], 6: [[(0,)]]}
     encoder = Encoder(frames)
@@ -285,7 +276,6 @@ def test_a_frame_has_one_part_in_a_run() -> None:
 
 
 def test_wishes_do_not_share_runs_unless_they_may() -> None:
-    """Coders of whole planes get each by itself."""
     frames, plain = Frames.drawn({4: 2, 5: 1}), Plain()
     encoder = Encoder(frames)
     drive(decode_level(frames.decode({4: [[(0,)], [(1,)]], 5: [[(0,)]]}), plain, False), encoder.answer)
@@ -294,7 +284,6 @@ def test_wishes_do_not_share_runs_unless_they_may() -> None:
 
 
 def test_couplings_of_frames_are_those_of_each() -> None:
-    """A run of two frames on lattices comes back, and what it costs is less than without neighbours."""
     rng, frames = np.random.default_rng(4), Frames.drawn({1: 1, 2: 1}, 24 * 30)
     for frame in (1, 2):
         patch = np.zeros((24, 30), np.uint8)
@@ -306,23 +295,13 @@ def test_couplings_of_frames_are_those_of_each() -> None:
         np.tile([1.0, 1.0, 0.0], (24, 1)), np.arange(720),
     )  # fmt: skip
     costs = []
+    frames.llrs = {1: [llr.ravel()], 2: [llr.ravel()]}
     for prior in (coupling, llr.ravel()):
-        found: dict[int, Sequence[Decoded]] = {}
-
-        def frame_of(
-            index: int, prior: Prior = prior, found: dict[int, Sequence[Decoded]] = found
-        ) -> FrameCoroutine:
-            (found[index],) = yield [Wish((0,), b"", llr.ravel(), [prior])]
-            again = yield ()
-            if again:
-                (found[index],) = again
-            luma = np.zeros((4, 4), np.uint8)
-            return DecodedFrame(index, Frame(luma), luma, luma, "test", "")
-
-        encoder = Encoder(frames)
-        steps = decode_level({index: frame_of(index) for index in (1, 2)}, CASCADE.decoder(720), True)
+        encoder, frames.priors = Encoder(frames), {1: [prior], 2: [prior]}
+        steps = decode_level(frames.decode({1: [[(0,)]], 2: [[(0,)]]}), CASCADE.decoder(720), True)
         encoder.check_costs(drive(steps, encoder.answer))
         for index in (1, 2):
-            np.testing.assert_array_equal(found[index][0].bits, frames.planes[index][0])
+            decoded = frames.again[index] or frames.found[index]
+            np.testing.assert_array_equal(decoded[0], frames.planes[index][0])
         costs.append(sum(encoder.num_bits.values()))
     assert costs[0] < 0.8 * costs[1]

@@ -14,7 +14,6 @@ from tests.clips import moving_texture, write_clip
 
 @pytest.fixture(scope="module")
 def stream(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a stream of three frames."""
     folder = tmp_path_factory.mktemp("stream")
     clip = write_clip(folder / "clip.y4m", moving_texture(3, 24, 32))
     assert encoder.main([str(clip), str(folder / "clip.dvc"), "--qp", "34", "--gop", "2", "--quiet"]) == 0
@@ -24,7 +23,6 @@ def stream(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_map_is_made_of_what_was_decoded(
     stream: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It gets the finished video, which is the same without it."""
     plain, mapped, folder = tmp_path / "plain.y4m", tmp_path / "mapped.y4m", tmp_path / "map"
     asked: list[Any] = []
 
@@ -62,7 +60,6 @@ def test_maps_that_cannot_be_made_are_refused_at_once(
     options: list[str],
     message: str,
 ) -> None:
-    """In one line, before anything is decoded."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "something").touch()
     assert decoder.main([str(stream), output, *options]) == 2

@@ -5,19 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from decoder import plane_choice as asking
-from decoder.frame_state import Band
-from decoder.plane_choice import (
-    CLASSES,
-    MAX_WIDTH,
-    STRENGTH_BITS,
-    Allowance,
-    Asking,
-    Choice,
-    GroupAllowance,
-    Learned,
-    LearnedWorth,
-)
+from decoder import frame_state as asking
+from decoder.frame_state import CLASSES, MAX_WIDTH, STRENGTH_BITS, Asking, Band, Choice, Learned
+from decoder.group import GroupAllowance
+from decoder.wyner_ziv import Allowance
 from dvc.slepian_wolf import PlaneCost
 from dvc.wynerziv import quantizer
 from dvc.wynerziv.areas import Areas
@@ -51,16 +42,19 @@ def scales(inside: float, outside: float = 0.3) -> np.ndarray:
     return found
 
 
+def fresh() -> Learned:
+    return Learned(LearnedPriors(SHAPE))
+
+
 def chosen_areas(choice: Choice) -> np.ndarray:
     return AREAS.decoded(choice.areas).reshape(AREAS.shape)
 
 
-def ask(bands: Sequence[Band], worth: LearnedWorth | None = None) -> list[Choice]:
-    return Asking(AREAS, worth or LearnedWorth(), PlaneCost(1.06, 6.0), MULTIPLIER).by_areas(bands, 0)
+def ask(bands: Sequence[Band], learned: Learned | None = None) -> list[Choice]:
+    return Asking(AREAS, learned or fresh(), PlaneCost(1.06, 6.0), MULTIPLIER).by_areas(bands, 0)
 
 
 def test_areas_that_are_badly_predicted_are_asked_for() -> None:
-    """Those, with some that touch them, and no others, of both bands in one run."""
     (choice,) = ask([band_of(1, scales(40.0)), band_of(2, scales(40.0))])
     chosen = chosen_areas(choice)
     assert chosen[1:3, 2:4].all()
@@ -73,19 +67,16 @@ def test_areas_that_are_badly_predicted_are_asked_for() -> None:
 
 
 def test_a_good_prediction_is_left_alone() -> None:
-    """Where noise is small against the bins nothing gains."""
     assert ask([band_of(1, scales(0.3)), band_of(2, scales(0.3))]) == []
 
 
 def test_a_band_that_does_not_gain_is_left_out() -> None:
-    """Others are asked for as without it."""
     (alone,) = ask([band_of(1, scales(40.0))])
     (choice,) = ask([band_of(1, scales(40.0)), band_of(2, scales(0.3))])
     assert (choice.planes, choice.areas) == (alone.planes, alone.areas)
 
 
 def test_blocks_that_were_left_stay_so() -> None:
-    """Only open blocks are asked for, whatever the other bands of the run want."""
     first, second = band_of(1, scales(40.0)), band_of(2, scales(40.0))
     second.open = np.flatnonzero(np.arange(second.open.size) % SHAPE[1] < 12)
     (choice,) = ask([first, second])
@@ -94,14 +85,12 @@ def test_blocks_that_were_left_stay_so() -> None:
 
 @pytest.mark.parametrize(("saved", "is_asked"), [(0.2, False), (5.0, True)])
 def test_what_was_learned_decides(saved: float, is_asked: bool) -> None:
-    """Planes that turned out to save little are asked for no more, and those that saved much are."""
-    worth = LearnedWorth()
+    worth = fresh()
     worth.learn(1, 0, (1e9, 1e4), (saved * 1e9, 1e4))
     assert bool(ask([band_of(1, scales(7.0, 7.0))], worth)) == is_asked
 
 
 def test_little_is_not_worth_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is saved beyond the cost must be several bits."""
     bands = [band_of(1, scales(40.0))]
     (choice,) = ask(bands)
     (wanted,) = choice.wanted
@@ -112,7 +101,6 @@ def test_little_is_not_worth_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_long_runs_are_divided(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A run has at most so many bits, or one plane."""
     bands = [band_of(number, scales(40.0, 40.0)) for number in (9, 10, 11, 12, 13)]
     size = SHAPE[0] * SHAPE[1]
     for most, lengths in ((10 * size, [5]), (2 * size, [2, 2, 1]), (1, [1, 1, 1, 1, 1])):
@@ -121,8 +109,7 @@ def test_long_runs_are_divided(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_whole_planes_are_asked_for_as_a_whole() -> None:
-    """Each in a run of its own, if all of it is worth its rate."""
-    chooser = Asking(AREAS, LearnedWorth(), PlaneCost(1.06, 6.0), MULTIPLIER)
+    chooser = Asking(AREAS, fresh(), PlaneCost(1.06, 6.0), MULTIPLIER)
     bands = [band_of(1, scales(40.0, 40.0)), band_of(2, scales(0.3)), band_of(3, scales(40.0, 40.0))]
     choices = chooser.whole_planes(bands, 0)
     assert [(choice.planes, choice.areas) for choice in choices] == [
@@ -133,8 +120,7 @@ def test_whole_planes_are_asked_for_as_a_whole() -> None:
 
 
 def test_without_a_slope_everything_is_asked_for() -> None:
-    """In one run, also of what is predicted well."""
-    chooser = Asking(AREAS, LearnedWorth(), PlaneCost(1.06, 6.0), 0.0)
+    chooser = Asking(AREAS, fresh(), PlaneCost(1.06, 6.0), 0.0)
     (choice,) = chooser.by_areas([band_of(1, scales(0.3)), band_of(2, scales(40.0))], 0)
     assert (choice.planes, choice.areas) == ((2 * PLANES - 1, 3 * PLANES - 1), b"")
     assert len(chooser.whole_planes([band_of(1, scales(0.3))], 0)) == 1
@@ -144,21 +130,18 @@ LEARNED_MULTIPLIER = 40.0
 
 
 def test_classes_hold_every_band_once() -> None:
-    """In zigzag order."""
     assert [band for bands in CLASSES for band in bands] == list(range(16))
 
 
 def test_nothing_learned_leaves_expectations_as_they_are() -> None:
-    """For all bands and widths."""
-    worth = LearnedWorth()
+    worth = fresh()
     assert {worth.factors(band, width, LEARNED_MULTIPLIER) for band in range(16) for width in range(12)} == {
         (1.0, 1.0)
     }
 
 
 def test_factors_go_from_one_to_what_was_seen() -> None:
-    """The noise model counts as so many bits beside them, which in the end is nothing."""
-    worth = LearnedWorth()
+    worth = fresh()
     strength = STRENGTH_BITS * LEARNED_MULTIPLIER
     worth.learn(0, 1, (strength, STRENGTH_BITS), (0.5 * strength, 2.0 * STRENGTH_BITS))
     assert worth.factors(0, 1, LEARNED_MULTIPLIER) == pytest.approx((0.75, 1.5))
@@ -172,32 +155,29 @@ def test_factors_go_from_one_to_what_was_seen() -> None:
     [(1, 2, True), (2, 2, True), (0, 2, False), (3, 2, False), (1, 1, False), (15, 2, False)],
 )
 def test_bands_of_a_class_learn_together(band: int, width: int, is_alike: bool) -> None:
-    """If their bins are equally wide."""
-    worth = LearnedWorth()
+    worth = fresh()
     worth.learn(1, 2, (100.0, 50.0), (900.0, 10.0))
     assert (worth.factors(band, width, LEARNED_MULTIPLIER) != (1.0, 1.0)) == is_alike
 
 
 def test_wide_bins_count_as_alike() -> None:
-    """From a width on."""
-    worth = LearnedWorth()
+    worth = fresh()
     worth.learn(0, MAX_WIDTH + 3, (100.0, 50.0), (900.0, 10.0))
     assert worth.factors(0, MAX_WIDTH, 1.0) == worth.factors(0, MAX_WIDTH + 1, 1.0) != (1.0, 1.0)
 
 
 def test_frames_side_by_side_add_up() -> None:
-    """Each learns from a copy; together they know what one after the other would, in any order."""
-    together = Learned(LearnedPriors((4, 4)))
-    together.worth.learn(0, 0, (10.0, 5.0), (20.0, 6.0))
-    before = together.worth.sums.copy()
+    together = fresh()
+    together.learn(0, 0, (10.0, 5.0), (20.0, 6.0))
+    before = together.worth.copy()
     several = [together.copy() for _ in range(3)]
     for number, own in enumerate(several, 1):
-        own.worth.learn(0, number, (10.0 * number, 1.0), (1.0, 1.0))
-    np.testing.assert_array_equal(together.worth.sums, before)
+        own.learn(0, number, (10.0 * number, 1.0), (1.0, 1.0))
+    np.testing.assert_array_equal(together.worth, before)
     joined, expected = together.joined(several), together.copy()
     for number in (3, 1, 2):
-        expected.worth.learn(0, number, (10.0 * number, 1.0), (1.0, 1.0))
-    np.testing.assert_array_equal(joined.worth.sums, expected.worth.sums)
+        expected.learn(0, number, (10.0 * number, 1.0), (1.0, 1.0))
+    np.testing.assert_array_equal(joined.worth, expected.worth)
 
 
 def bits_of(group: GroupAllowance, *frames: int) -> list[float]:
@@ -205,7 +185,6 @@ def bits_of(group: GroupAllowance, *frames: int) -> list[float]:
 
 
 def test_planes_begin_as_long_as_there_is_room_for_them() -> None:
-    """What they were expected to cost counts until it is known what they did."""
     allowance = Allowance(1032.0)  # two checks of 16 bits are kept back
     assert allowance.begin(600.0)
     assert not allowance.begin(600.0)
@@ -229,7 +208,6 @@ def test_what_is_left_goes_to_later_frames() -> None:
 
 
 def test_a_level_never_has_more_than_is_left() -> None:
-    """However much of a group it is, and however much was asked for before."""
     assert bits_of(GroupAllowance({1: 900, 2: 50}), 1) == [pytest.approx(950.0)]
     group = GroupAllowance({1: 100, 2: 100})
     group.begin_level([1])
@@ -239,7 +217,6 @@ def test_a_level_never_has_more_than_is_left() -> None:
 
 
 def test_without_a_bitrate_nothing_is_limited() -> None:
-    """Frames may ask for what they need."""
     group = GroupAllowance(None)
     assert [allowance.bits for allowance in group.begin_level([3, 5])] == [float("inf")] * 2
     group.end_level(10**9)

@@ -18,8 +18,8 @@ import pytest
 
 from decoder import processes
 from decoder.group_tasks import DecodedGroup, GroupTask
-from decoder.processes import DecodingProcess, GroupsInFlight, decoding_process
-from decoder.session import GROUPS_PER_PROCESS, StreamGroups, decode_stream, stream_tasks
+from decoder.processes import DecodingProcess, decoding_process
+from decoder.session import GROUPS_PER_PROCESS, GroupsInFlight, StreamGroups, decode_stream, stream_tasks
 from dvc.errors import BitstreamError, DvcError
 from dvc.stream import Form, GopRecord, StreamReader
 from dvc.video import Frame
@@ -39,12 +39,16 @@ with StreamReader({path!r}) as reader:
 
 
 def digests(reader: StreamReader) -> list[str]:
-    """Return what the program above prints."""
     return [f"{group.first_index} {group.record.digest}" for group in decode_stream(reader.config, reader)]
 
 
+@pytest.fixture
+def task() -> GroupTask:
+    with StreamReader(STREAM) as reader:
+        return [*stream_tasks(reader.config, reader)][1]
+
+
 def outcome_of(process: DecodingProcess, task: GroupTask) -> DecodedGroup:
-    """Let a process decode a group."""
     process.submit(task)
     number, outcome = process.receive()
     assert number == task.number
@@ -65,7 +69,6 @@ def test_a_program_that_has_loaded_libraries_decodes_alike() -> None:
 
 
 def test_idle_processes_are_lent_again() -> None:
-    """A second sequence is decoded by the process of the first."""
     with decoding_process() as first:
         pass
     with decoding_process() as again, decoding_process() as other:
@@ -75,16 +78,12 @@ def test_idle_processes_are_lent_again() -> None:
 
 
 def test_busy_processes_do_not_come_back() -> None:
-    """A process that is in the middle of something when its user leaves is stopped."""
     with decoding_process() as process:
         process.num_running = 1
     assert not process.alive
 
 
-def test_a_killed_process_is_said_and_replaced() -> None:
-    """Decoding ends in one error, and the next sequence gets another process."""
-    with StreamReader(STREAM) as reader:
-        _, task = stream_tasks(reader.config, reader)
+def test_a_killed_process_is_said_and_replaced(task: GroupTask) -> None:
     with decoding_process() as process:
         threading.Timer(0.3, process.kill).start()
         with pytest.raises(DvcError, match="decoding process was killed"):
@@ -94,10 +93,7 @@ def test_a_killed_process_is_said_and_replaced() -> None:
         assert len(digests(reader)) == 2
 
 
-def test_a_fault_is_told_with_its_place() -> None:
-    """What nobody foresaw arrives as an exception that says where it came from, and the process goes on."""
-    with StreamReader(STREAM) as reader:
-        _, task = stream_tasks(reader.config, reader)
+def test_a_fault_is_told_with_its_place(task: GroupTask) -> None:
     with decoding_process() as process:
         with pytest.raises(RuntimeError) as caught:
             outcome_of(process, replace(task, record=None))  # type: ignore[arg-type]
@@ -106,7 +102,6 @@ def test_a_fault_is_told_with_its_place() -> None:
 
 
 def test_processes_end_with_the_program() -> None:
-    """Where a program is killed, what it started does not live on, even in the middle of a group."""
     program = (
         "import os, signal, time\n"
         "from decoder.processes import DecodingProcess, decoding_process\n"
@@ -124,7 +119,6 @@ def test_processes_end_with_the_program() -> None:
 
 
 def test_leaving_early_ends_what_is_running() -> None:
-    """Who takes one group and goes does not wait for the others."""
     with StreamReader(STREAM) as reader:
         groups = decode_stream(reader.config, reader)
         assert next(groups).first_index == 0
@@ -132,12 +126,12 @@ def test_leaving_early_ends_what_is_running() -> None:
     assert not any(process.num_running for process in processes._idle)
 
 
-def test_a_user_that_is_collected_gives_its_process_back(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_user_that_is_collected_gives_its_process_back(
+    task: GroupTask, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What was lent to a generator in a cycle of garbage decodes on, for the next one."""
     gc.collect()  # what other tests have left
     monkeypatch.setattr(processes, "_idle", [])
-    with StreamReader(STREAM) as reader:
-        _, task = stream_tasks(reader.config, reader)
 
     def user() -> Iterator[list[object]]:
         cycle: list[object] = []
@@ -187,13 +181,11 @@ def damaged(count: int, seen: list[int]) -> Iterator[GroupTask]:
 
 
 def test_nothing_is_decoded_where_there_is_nothing() -> None:
-    """No process is started for that."""
     assert list(GroupsInFlight(StreamGroups([], 1), 1).decode()) == []
 
 
 @pytest.mark.parametrize("jobs", [1, 3])
 def test_damage_comes_after_the_groups_before_it(jobs: int) -> None:
-    """And no more is read of a stream than there is room for."""
     seen: list[int] = []
     groups = GroupsInFlight(StreamGroups(damaged(20, seen), jobs), jobs).decode()
     assert next(groups).first_index == 0
@@ -205,15 +197,11 @@ def test_damage_comes_after_the_groups_before_it(jobs: int) -> None:
 
 
 class Interrupted(StreamGroups):
-    """A source that is interrupted while it waits."""
-
     def wait(self, processes: Sequence[DecodingProcess]) -> list[DecodingProcess]:
-        """Wait in vain."""
         raise KeyboardInterrupt
 
 
 def test_what_is_decoded_comes_before_an_interrupt() -> None:
-    """Whatever waits is given up."""
     tasks = [task_of(0), task_of(1), task_of(2, (b"x",))]
     groups = GroupsInFlight(Interrupted(tasks, 2), 2).decode()
     assert [next(groups).first_index, next(groups).first_index] == [0, 1]
@@ -244,8 +232,6 @@ class Immediate:
 
 
 class Told(StreamGroups):
-    """A source of whose processes all has come."""
-
     def wait(self, processes: Sequence[DecodingProcess]) -> list[DecodingProcess]:
         """Name those that have something to tell, the last of them first."""
         return [process for process in reversed(processes) if process.num_running]
@@ -255,7 +241,6 @@ class Told(StreamGroups):
 def test_groups_come_in_order_and_wait_for_an_idle_process(
     monkeypatch: pytest.MonkeyPatch, jobs: int
 ) -> None:
-    """However many there are; each process has one group of a stream at a time."""
     lent: list[Immediate] = []
     most_running: list[int] = []
 
@@ -263,7 +248,7 @@ def test_groups_come_in_order_and_wait_for_an_idle_process(
         lent.append(Immediate(most_running))
         return nullcontext(lent[-1])
 
-    monkeypatch.setattr("decoder.processes.decoding_process", lend)
+    monkeypatch.setattr("decoder.session.decoding_process", lend)
     tasks = [task_of(number, (b"x",) * (number % 3 > 0)) for number in range(20)]
     found = [group.first_index for group in GroupsInFlight(Told(tasks, jobs), jobs).decode()]
     assert found == list(range(20))

@@ -8,11 +8,13 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from decoder import worker
+from decoder import processes
 from decoder.group import GroupCoroutine, GroupDecoder, LevelBegins, RecordedGroup
 from decoder.group_tasks import Answered, DecodedGroup, GroupTask
 from decoder.processes import DecodingProcess, Outcome, decoding_process
@@ -50,7 +52,6 @@ class Answering:
         process.submit(*(replace(task, form=None) for task in tasks))
 
     def receive(self) -> tuple[int, Outcome]:
-        """Take what comes next."""
         number, outcome = self.process.receive()
         if number not in self._answers:
             return number, outcome
@@ -72,9 +73,11 @@ class Answering:
         return count > 0
 
 
+Groups = tuple[CodecConfig, list[GroupTask]]
+
+
 @pytest.fixture(scope="module")
-def config_and_tasks() -> tuple[CodecConfig, list[GroupTask]]:
-    """Return groups that begin with a key frame."""
+def config_and_tasks() -> Groups:
     video, gop = VideoConfig(32, 24, 25, 1, luma_only=True), {"length": 8, "references": "hierarchical"}
     config = codec_config(video, "2d", Qp(32), gop=gop, key={"qp": 36}, coder=CascadeConfig(20))
     stream = encoded(config, [Frame(frame.luma) for frame in moving_texture(30, 24, 32)])
@@ -82,10 +85,7 @@ def config_and_tasks() -> tuple[CodecConfig, list[GroupTask]]:
 
 
 @pytest.mark.parametrize("seed", [1, 3])
-def test_any_order_of_answers_gives_the_same(
-    config_and_tasks: tuple[CodecConfig, list[GroupTask]], seed: int
-) -> None:
-    """Groups are those of a stream, and no step of decoding is left over."""
+def test_any_order_of_answers_gives_the_same(config_and_tasks: Groups, seed: int) -> None:
     (config, tasks), shuffled = config_and_tasks, random.Random(seed)
     with decoding_process() as process:
         live = Answering(process, config, tasks)
@@ -99,9 +99,7 @@ def test_any_order_of_answers_gives_the_same(
         assert live.groups[task.number].record == wanted.record
 
 
-def test_what_most_levels_depend_on_comes_first(
-    config_and_tasks: tuple[CodecConfig, list[GroupTask]],
-) -> None:
+def test_what_most_levels_depend_on_comes_first(config_and_tasks: Groups) -> None:
     """The middle frame comes before all others; at the same level the first group comes first."""
     (config, (task, *_)), levels = config_and_tasks, list[LevelBegins]()
     record = RecordedGroup(task, config)
@@ -122,8 +120,7 @@ def test_what_most_levels_depend_on_comes_first(
     ]
 
 
-def test_wrong_answers_end_the_group_alone(config_and_tasks: tuple[CodecConfig, list[GroupTask]]) -> None:
-    """Bits that are too few for what a frame asked end its group; the process goes on with others."""
+def test_wrong_answers_end_the_group_alone(config_and_tasks: Groups) -> None:
     (config, (task, *others)) = config_and_tasks
     with decoding_process() as process:
         live = Answering(process, config, others)
@@ -143,31 +140,11 @@ def test_wrong_answers_end_the_group_alone(config_and_tasks: tuple[CodecConfig, 
         assert other is process
 
 
-def test_a_group_without_a_frame_before_it_is_refused(
-    config_and_tasks: tuple[CodecConfig, list[GroupTask]],
-) -> None:
-    """The error has the number of the group."""
-    _, tasks = config_and_tasks
-    with decoding_process() as process:
-        process.submit(replace(tasks[1], form=None, before=None))
-        outcome: object = ()
-        while outcome == ():
-            _, outcome = process.receive()
-    assert isinstance(outcome, BitstreamError)
-    assert f"group of pictures {tasks[1].number}: Wyner-Ziv frames without a frame" in str(outcome)
-
-
-def test_a_process_that_nobody_wants_ends_without_a_word(
-    config_and_tasks: tuple[CodecConfig, list[GroupTask]],
-) -> None:
-    """Whatever it is at when the other end is gone."""
+def test_a_process_that_nobody_wants_ends_without_a_word(config_and_tasks: Groups) -> None:
     ours, theirs = multiprocessing.Pipe()
-    command = [sys.executable, "-P", "-m", "decoder.worker", str(theirs.fileno())]
+    command = [sys.executable, "-P", "-m", "decoder.processes", str(theirs.fileno())]
     process = subprocess.Popen(
-        command,
-        pass_fds=[theirs.fileno()],
-        env=baseline_environment(),
-        stderr=subprocess.PIPE,
+        command, pass_fds=[theirs.fileno()], env=baseline_environment(), stderr=subprocess.PIPE
     )
     theirs.close()
     ours.send(tuple(replace(task, form=None) for task in config_and_tasks[1]))
@@ -175,26 +152,6 @@ def test_a_process_that_nobody_wants_ends_without_a_word(
     ours.close()
     _, said = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, said) == (0, b"")
-
-
-class Pipe:
-    """The end of a connection that a worker has, in one process with all else."""
-
-    def __init__(self) -> None:
-        self.coming: deque[tuple[GroupTask | Answered, ...]] = deque()
-        self.sent: list[tuple[int, object]] = []
-        self.counts: list[tuple[int, int]] = []  # of what is to be done, and of messages that were taken
-
-    def poll(self) -> bool:
-        return bool(self.coming)
-
-    def recv(self) -> tuple[GroupTask | Answered, ...]:
-        return self.coming.popleft()
-
-    def send(self, message: tuple[int, object, int, int]) -> None:
-        number, outcome, *counts = message
-        self.sent.append((number, outcome))
-        self.counts.append((counts[0], counts[1]))
 
 
 Level = tuple[int, int]
@@ -221,20 +178,30 @@ class Scene:
     """A worker that decodes scripted groups, by number, and what it does."""
 
     def __init__(self, levels: Mapping[int, Sequence[Level | Exception]]) -> None:
-        self.pipe = Pipe()
-        self.worker = worker._Worker(self.pipe)  # type: ignore[arg-type]
+        self.coming: deque[tuple[GroupTask | Answered, ...]] = deque()
+        self.sent: list[tuple[int, object]] = []
+        self.counts = 0, 0  # open tasks, and messages that were taken
+        connection = SimpleNamespace(
+            poll=lambda: bool(self.coming), recv=self.coming.popleft, send=self._send
+        )
+        self.worker = processes._Worker(cast(Any, connection))
         self.decoders: list[Scripted] = []
         self.given_back: list[Scripted] = []
         self._levels = levels
-        self.worker._decoders = self  # type: ignore[assignment]
+        self.worker._acquire = self._acquire  # type: ignore[assignment]
+        self.worker._release = self._release  # type: ignore[assignment]
 
-    def acquire(self, config: bytes) -> Scripted:
+    def _send(self, message: tuple[int, object, int, int]) -> None:
+        self.sent.append(message[:2])
+        self.counts = message[2:]
+
+    def _acquire(self, config: bytes) -> Scripted:
         if config:
             raise KeyError(config)
         self.decoders.append(Scripted(self._levels))
         return self.decoders[-1]
 
-    def release(self, decoder: Scripted, config: bytes) -> None:
+    def _release(self, decoder: Scripted, config: bytes) -> None:
         self.given_back.append(decoder)
 
     def begin(self, *numbers: int, config: bytes = b"") -> list[tuple[int, object]]:
@@ -249,13 +216,13 @@ class Scene:
         return self._settled(*(Answered(number, (np.zeros(8, np.uint8),)) for number in numbers))
 
     def _settled(self, *messages: GroupTask | Answered) -> list[tuple[int, object]]:
-        known = len(self.pipe.sent)
-        self.pipe.coming.append(messages)
+        known = len(self.sent)
+        self.coming.append(messages)
         self.worker.receive(wait=True)
         while not self.worker.is_idle:
             self.worker.step()
-        assert self.pipe.counts[-1][0] == 0
-        return [sent for sent in self.pipe.sent[known:] if sent[1] != ()]
+        assert self.counts[0] == 0
+        return [sent for sent in self.sent[known:] if sent[1] != ()]
 
     def asked(self, found: Sequence[tuple[int, object]]) -> list[int]:
         """Return which groups ask for something, in order."""
@@ -263,7 +230,6 @@ class Scene:
 
 
 def ended(found: Sequence[tuple[int, object]]) -> list[int]:
-    """Return which groups are decoded, in order."""
     return [number for number, outcome in found if isinstance(outcome, DecodedGroup)]
 
 
@@ -271,27 +237,27 @@ def test_groups_of_a_lower_rank_go_first() -> None:
     """Those with the most levels to come, whoever is answered first; then the first in display order."""
     scene = Scene({1: [(-2, 1), (-1, 1)], 2: [(-3, 1), (-2, 1), (-1, 1)], 3: [(-3, 1), (-2, 1), (-1, 1)]})
     assert sorted(scene.asked(scene.begin(1, 2, 3))) == [1, 2, 3]
-    assert scene.pipe.counts[-1] == (0, 3)
+    assert scene.counts == (0, 3)
     assert scene.asked(scene.answer(1, 3, 2)) == [2, 3, 1]
     assert scene.asked(scene.answer(3)) == [3]
     found = scene.answer(1, 2, 3)
     assert scene.asked(found) == [2]
     assert sorted(ended(found)) == [1, 3]
     assert ended(scene.answer(2)) == [2]
-    assert scene.pipe.counts[-1] == (0, 11)
+    assert scene.counts == (0, 11)
     assert len(scene.given_back) == 3
     assert set(scene.given_back) == set(scene.decoders)
 
 
 def test_levels_wait_for_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """As long as others have it; the lowest rank that waits is the next, and nobody overtakes it."""
-    monkeypatch.setattr(worker, "MAX_ACTIVE_PX", 10)
+    monkeypatch.setattr(processes, "MAX_ACTIVE_PX", 10)
     scene = Scene({1: [(-2, 6), (-1, 4)], 2: [(-2, 6)], 3: [(-1, 2)], 4: [(-3, 30)], 5: [(-4, 3)]})
     assert scene.asked(scene.begin(1)) == [1]
     assert scene.asked(scene.begin(2, 3)) == []
     assert scene.asked(scene.answer(1)) == [2, 1]
     assert scene.asked(scene.begin(4, 5)) == []
-    assert scene.pipe.counts[-1] == (0, 6)
+    assert scene.counts == (0, 6)
     found = scene.answer(1)
     assert (ended(found), scene.asked(found)) == ([1], [5])
     found = scene.answer(5)
@@ -305,8 +271,7 @@ def test_levels_wait_for_memory(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_group_that_fails_holds_up_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Memory that it had goes to others; its decoder serves no other group."""
-    monkeypatch.setattr(worker, "MAX_ACTIVE_PX", 10)
+    monkeypatch.setattr(processes, "MAX_ACTIVE_PX", 10)
     scene = Scene({1: [(-2, 9), BitstreamError("damage")], 2: [(-1, 8)], 3: [ValueError("of a method")]})
     assert scene.asked(scene.begin(1, 2)) == [1]
     ((number, other),) = scene.begin(3)

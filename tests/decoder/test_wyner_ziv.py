@@ -1,6 +1,6 @@
 """Decoding of one Wyner-Ziv frame, answers taken from the encoder's bits in memory."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from unittest import mock
@@ -37,34 +37,39 @@ HEIGHT, WIDTH = 30, 44
 
 def config_of(q: int, coder: str = "turbo") -> CodecConfig:
     return codec_config(
-        VideoConfig(WIDTH, HEIGHT, 25, 1),
-        "2d",
-        DiscoverMatrix(q),
-        coder=CODERS[coder](),
-        seed=1,
+        VideoConfig(WIDTH, HEIGHT, 25, 1), "2d", DiscoverMatrix(q), coder=CODERS[coder](), seed=1
     )
 
 
 def decode(
-    config: CodecConfig, original: Frame, prediction: Prediction, step: float = 1.0, slope: float = 0.0
+    config: CodecConfig,
+    original: Frame,
+    prediction: Prediction,
+    step: float = 1.0,
+    slope: float = 0.0,
+    seen: Callable[[Round], None] = lambda _: None,
 ) -> DecodedFrame:
     encoded = EncodedFrame.of(FrameLayout.of(config), original.luma, step)
     decoder = WynerZivDecoder(config)
     quantization = decoder.layout.read_header(encoded.header)
     answer, finest = answering(config, encoded), quantization.step(0) or 1.0
+
+    def _answer(requests: Round) -> Sequence[np.ndarray]:
+        seen(requests)
+        return answer(requests)
+
     with mock.patch.object(quantizer, "LAMBDA_PER_SQUARED_STEP", slope / finest**2):
-        return alone(decoder, decoder.decode(5, quantization, prediction, decoder.nothing_learned()), answer)
+        steps = decoder.decode(5, quantization, prediction, decoder.nothing_learned())
+        return alone(decoder, steps, _answer)
 
 
 def alone(decoder: WynerZivDecoder, frame: FrameCoroutine, answer: Answer) -> DecodedFrame:
-    """Decode a frame as the only one of its level."""
     planes = decoder.coder.decoder(decoder.layout.num_bits)
     (decoded,) = drive(decode_level({5: frame}, planes, decoder.coder.by_positions), answer)
     return decoded
 
 
 def answering(config: CodecConfig, encoded: EncodedFrame) -> Answer:
-    """Return what answers requests for frame 5."""
     buffer = EncoderBuffer(encoded.layout, plane_coder(config), 1)
     buffer.enter(0, encoded)
     return partial(buffer.answer_round, first_frame=5)
@@ -96,7 +101,6 @@ def original() -> Frame:
 @pytest.mark.parametrize("q", [1, 4, 8])
 @pytest.mark.parametrize("coder", CODERS)
 def test_every_bin_is_decoded(original: Frame, q: int, coder: str) -> None:
-    """All bit planes arrive, and reconstruction keeps (nearly all) coefficients in their bins."""
     config = config_of(q, coder)
     decoded = decode(config, original, noisy_prediction(original, 4.0))
     assert decoded.num_failed_planes == 0
@@ -113,25 +117,18 @@ def test_every_bin_is_decoded(original: Frame, q: int, coder: str) -> None:
     assert (paid == decoded.parity_bits + decoded.crc_bits) == (coder != "cascade")
 
 
-@pytest.mark.parametrize("noise", [0.5, 3.0, 10.0])
-def test_decoding_improves_side_information(original: Frame, noise: float) -> None:
-    """The frame is never worse than its prediction, and worse predictions cost more."""
-    decoded = decode(config_of(8), original, noisy_prediction(original, noise))
-    before = psnr_db(decoded.side_information, original.luma)
-    assert psnr_db(decoded.frame.luma, original.luma) > before
-    np.testing.assert_array_equal(decoded.side_information, decoded.refined_side_information)
-
-
-def test_worse_side_information_costs_more(original: Frame) -> None:
-    """The parity needed grows with the noise."""
-    costs = [
-        decode(config_of(5), original, noisy_prediction(original, n)).parity_bits for n in (0.3, 2.0, 8.0)
-    ]
+def test_decoding_improves_side_information_at_a_cost_that_grows_with_noise(original: Frame) -> None:
+    costs = []
+    for noise in (0.5, 3.0, 10.0):
+        decoded = decode(config_of(8), original, noisy_prediction(original, noise))
+        before = psnr_db(decoded.side_information, original.luma)
+        assert psnr_db(decoded.frame.luma, original.luma) > before
+        np.testing.assert_array_equal(decoded.side_information, decoded.refined_side_information)
+        costs.append(decoded.parity_bits)
     assert costs[0] < costs[1] < costs[2]
 
 
 def test_perfect_side_information_costs_little_but_checks(original: Frame) -> None:
-    """A prediction without error needs about its check bits, and far fewer than the bits themselves."""
     perfect = Prediction(original.luma.astype(float), None, (original.luma.astype(float),), "test")
     config = config_of(4)
     decoded = decode(config, original, perfect)
@@ -142,7 +139,6 @@ def test_perfect_side_information_costs_little_but_checks(original: Frame) -> No
 
 
 def test_useless_side_information_costs_at_most_twice_the_bits(original: Frame) -> None:
-    """A prediction that has nothing to do with the frame costs parity in vain, then the frame itself."""
     config = config_of(3)
     layout = FrameLayout.of(config)
     other = moving_texture(1, HEIGHT, WIDTH, seed=9)[0].luma.astype(float)
@@ -155,48 +151,36 @@ def test_useless_side_information_costs_at_most_twice_the_bits(original: Frame) 
 
 @pytest.mark.parametrize("model", NOISE_MODELS)
 def test_every_noise_model_decodes(original: Frame, model: str) -> None:
-    """Noise models change the rate, never the success."""
     config = config_of(4)
     config = replace(config, wyner_ziv=replace(config.wyner_ziv, noise_model=model))
     assert decode(config, original, noisy_prediction(original, 3.0)).num_failed_planes == 0
 
 
 def test_requests_name_frame_run_and_range(original: Frame) -> None:
-    """Requests of a run carry the frame's index and go on where the one before ended."""
     config = config_of(2)
-    encoded = EncodedFrame.of(FrameLayout.of(config), original.luma)
-    bits_of = answering(config, encoded)
-    decoder = WynerZivDecoder(config)
-    seen: dict[tuple[int, str], int] = {}
+    ends: dict[tuple[int, str], int] = {}
 
-    def answer(requests: Round) -> Sequence[np.ndarray]:
+    def _seen(requests: Round) -> None:
         for request in requests:
             assert request.frame == 5
-            assert request.start == seen.get((request.run, request.kind), 0)
-            seen[request.run, request.kind] = request.start + request.count
-        return bits_of(requests)
+            assert request.start == ends.get((request.run, request.kind), 0)
+            ends[request.run, request.kind] = request.start + request.count
 
-    quantization = decoder.layout.read_header(encoded.header)
-    steps = decoder.decode(5, quantization, noisy_prediction(original, 3.0), decoder.nothing_learned())
-    decoded = alone(decoder, steps, answer)
-    assert {run for run, _ in seen} == set(range(quantization.num_planes))
-    assert sum(count for (_, kind), count in seen.items() if kind == "crc") == decoded.crc_bits
-    assert sum(count for (_, kind), count in seen.items() if kind != "crc") == decoded.parity_bits
+    decoded = decode(config, original, noisy_prediction(original, 3.0), seen=_seen)
+    quantization = EncodedFrame.of(FrameLayout.of(config), original.luma).quantization
+    assert {run for run, _ in ends} == set(range(quantization.num_planes))
+    assert sum(count for (_, kind), count in ends.items() if kind == "crc") == decoded.crc_bits
+    assert sum(count for (_, kind), count in ends.items() if kind != "crc") == decoded.parity_bits
 
 
 def runs_of(config: CodecConfig, original: Frame, prediction: Prediction, slope: float) -> list[Part]:
     """Return the runs that a frame is decoded by alone, in order."""
-    encoded = EncodedFrame.of(FrameLayout.of(config), original.luma, 8.0)
-    answer, decoder = answering(config, encoded), WynerZivDecoder(config)
-    quantization = decoder.layout.read_header(encoded.header)
     runs: list[Part] = []
 
-    def answered(requests: Round) -> Sequence[np.ndarray]:
+    def _seen(requests: Round) -> None:
         runs.extend(part for request in requests for part in request.begun or ())
-        return answer(requests)
 
-    with mock.patch.object(quantizer, "LAMBDA_PER_SQUARED_STEP", slope / 64.0):
-        alone(decoder, decoder.decode(5, quantization, prediction, decoder.nothing_learned()), answered)
+    decode(config, original, prediction, 8.0, slope, _seen)
     return runs
 
 
@@ -217,7 +201,6 @@ def test_bands_between_refinements_are_runs(original: Frame) -> None:
 
 
 def test_bits_are_asked_for_in_areas_that_are_badly_predicted() -> None:
-    """Where one corner of a frame is wrong, runs are of areas there, and the rest stays as predicted."""
     original = moving_texture(1, 96, 160)[0].without_chroma()
     config = _learning(replace(embedded_config(), video=VideoConfig(160, 96, 25, 1)), "cascade")
     prediction = noisy_prediction(original, 0.5)
@@ -257,7 +240,6 @@ def embedded_config() -> CodecConfig:
 
 @pytest.mark.parametrize("step", [2.0, 12.0, 700.0])
 def test_embedded_bins_are_decoded(original: Frame, step: float) -> None:
-    """Without a slope all planes arrive, as many as the frame says, and errors are those of the step."""
     config = embedded_config()
     decoded = decode(config, original, noisy_prediction(original, 4.0), step)
     assert decoded.num_failed_planes == 0
@@ -267,18 +249,20 @@ def test_embedded_bins_are_decoded(original: Frame, step: float) -> None:
 
 
 @pytest.mark.parametrize("coder", CODERS)
-def test_a_frame_without_planes_is_left_as_predicted(original: Frame, coder: str) -> None:
-    """Nothing is asked for where an encoder sends no band at all."""
+def test_a_frame_without_planes_that_pay_is_left_as_predicted(original: Frame, coder: str) -> None:
     config = replace(embedded_config(), coder=CODERS[coder]())
     black = Frame(np.zeros_like(original.luma))
     assert EncodedFrame.of(FrameLayout.of(config), black.luma, 8.0).quantization.num_planes == 0
-    decoded = decode(config, black, noisy_prediction(black, 4.0), 8.0)
-    assert (decoded.num_requests, decoded.num_skipped_planes, decoded.num_failed_planes) == (0, 0, 0)
-    np.testing.assert_array_equal(decoded.frame.luma, decoded.side_information)
+    for frame, step, slope in ((black, 8.0, 0.0), (original, 4.0, 1e6)):
+        decoded = decode(config, frame, noisy_prediction(frame, 2.0), step, slope)
+        assert (
+            decoded.num_requests == decoded.crc_bits == decoded.parity_bits == decoded.num_failed_planes == 0
+        )
+        assert (decoded.num_skipped_planes == 0) == (frame is black)
+        np.testing.assert_array_equal(decoded.frame.luma, decoded.side_information)
 
 
 def test_a_steeper_slope_asks_for_less(original: Frame) -> None:
-    """Fewer bits and more error with every slope; what is left out is counted."""
     config = embedded_config()
     prediction = noisy_prediction(original, 6.0)
     found = [decode(config, original, prediction, 4.0, slope) for slope in (0.0, 20.0, 100.0, 1e3)]
@@ -305,13 +289,6 @@ def test_bits_are_asked_for_where_they_pay() -> None:
     assert 40.0 < more < first
 
 
-def test_a_frame_may_be_left_as_predicted(original: Frame) -> None:
-    """Where nothing pays, nothing is asked for, and the prediction is the frame."""
-    decoded = decode(embedded_config(), original, noisy_prediction(original, 2.0), 4.0, 1e6)
-    assert decoded.num_requests == decoded.crc_bits == decoded.parity_bits == 0
-    np.testing.assert_array_equal(decoded.frame.luma, decoded.side_information)
-
-
 def _learning(config: CodecConfig, coder: str) -> CodecConfig:
     learned = replace(config.wyner_ziv, priors="learned")
     return replace(config, wyner_ziv=learned, coder=CODERS[coder]())
@@ -321,7 +298,6 @@ def _learning(config: CodecConfig, coder: str) -> CodecConfig:
 def test_learned_priors_decode_the_same_bins(
     original: Frame, coder: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Priors change what planes cost, not what they are, with codes that know of neighbours or do not."""
     borders: dict[int, tuple[np.ndarray, np.ndarray]] = {}
     set_known = FrameState.set_known
 

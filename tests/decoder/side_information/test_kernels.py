@@ -20,7 +20,6 @@ def planes() -> list[np.ndarray]:
 
 @pytest.mark.parametrize("side", [6, 8, 12, 16, 24])
 def test_sums_of_absolute_differences(choose: Choose, planes: list[np.ndarray], side: int) -> None:
-    """Blocks at quarter samples are compared in full, whatever their side, up to the largest difference."""
     a, b = planes[:2]
     expected = reference.difference(a, (133, 146), b, (139, 141), side)
     assert choose(_kernels.block_sad)(a, 133, 146, b, 139, 141, side) == expected
@@ -29,26 +28,24 @@ def test_sums_of_absolute_differences(choose: Choose, planes: list[np.ndarray], 
 
 
 def test_forward_search(choose: Choose, planes: list[np.ndarray]) -> None:
-    """The best displacement is found with starts inside and far outside the frame."""
     starts = np.array([[[0, 0], [4, -6], [0, 300]], [[-400, 2], [3, 3], [1, -1]]])
     vectors = np.empty_like(starts)
     settings = (MARGIN, 8, 10, 1, 2, 0.03)
     blocks, steps = _kernels.Blocks(*settings[:3]), _kernels.Steps(*settings[3:])
-    pair = _kernels.Pair(planes[0], planes[2])
+    pair = planes[0], planes[2]
     choose(_kernels.forward_search)(pair, blocks, steps, starts, vectors)
     np.testing.assert_array_equal(vectors, reference.forward_search(planes[0], planes[2], *settings, starts))
 
 
 @pytest.mark.parametrize("instant", [(1, 2), (1, 3), (3, 4)])
 def test_refine_bilateral(choose: Choose, planes: list[np.ndarray], instant: tuple[int, int]) -> None:
-    """Candidates and surroundings are judged alike; trajectories that leave the planes never win."""
     rng = np.random.default_rng(1)
     field, medians = rng.integers(-12, 13, (2, 2, 3, 2))
     medians[0, 1], field[1, 2] = (-700, 0), (0, 900)
     vectors = np.empty((2, 3, 2), np.int64)
     settings = (MARGIN, 8, 10, 1, 1, 6, *instant)
     blocks, steps = _kernels.Blocks(*settings[:3]), _kernels.Steps(*settings[3:6])
-    pair = _kernels.Pair(planes[0], planes[2])
+    pair = planes[0], planes[2]
     choose(_kernels.refine_bilateral)(pair, instant, blocks, steps, (field, medians), vectors)
     candidates = np.concatenate(
         [neighbourhoods(medians), field[:, :, None], np.zeros((2, 3, 1, 2), np.int64)], axis=2
@@ -66,7 +63,6 @@ def neighbourhoods(field: np.ndarray) -> np.ndarray:
 
 
 def test_vector_median(choose: Choose) -> None:
-    """Of nine vectors the one nearest to all others is taken, the first of several."""
     field = np.random.default_rng(2).integers(-9, 10, (5, 7, 2))
     median = np.empty_like(field)
     choose(_kernels.vector_median)(field, median)
@@ -88,7 +84,6 @@ def _sums_of_quarters(choose: Choose, planes: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("smoothness", [0, 40])
 def test_search_target(choose: Choose, planes: list[np.ndarray], smoothness: int) -> None:
-    """Offsets move to the best match and costs say how good it is, also where blocks leave the frame."""
     target = np.pad(moving_texture(3, 14, 22, (0.75, -1.5))[1].luma, MARGIN, mode="edge")
     offsets = np.array([[[0, 0], [4, -6], [0, 300]], [[-400, 2], [3, 3], [1, -1]]])
     expected, expected_costs = reference.search_target(
@@ -107,7 +102,6 @@ def test_search_target(choose: Choose, planes: list[np.ndarray], smoothness: int
 
 
 def test_accumulate_blocks(choose: Choose, planes: list[np.ndarray]) -> None:
-    """Overlapping windows add up with their weights."""
     rng = np.random.default_rng(2)
     offsets = rng.integers(-30, 31, (2, 3, 2))
     offsets[1, 1] = (900, -900)

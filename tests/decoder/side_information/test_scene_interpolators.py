@@ -5,7 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from decoder.side_information import scene_interpolators
 from decoder.side_information.mesh import (
     MeshInterpolator,
     MeshSettings,
@@ -15,9 +17,16 @@ from decoder.side_information.mesh import (
     roughness_matrix,
 )
 from decoder.side_information.protocol import Interpolation
-from decoder.side_information.scene_interpolators import BlockInterpolator, DepthInterpolator, spread_blocks
-from decoder.side_information.synthesis import blend, block_offsets, warp_chroma
+from decoder.side_information.scene_interpolators import (
+    AveragedDepthInterpolator,
+    BlockInterpolator,
+    DepthInterpolator,
+    fuse_scenes,
+    relative_parallax,
+    spread_blocks,
+)
 from dvc.geometry.cameras import PixelFrame
+from dvc.geometry.plane_sweep import CENSUS_SWEEP
 from dvc.geometry.warping import warp_matrix
 from dvc.metrics import psnr_db
 from dvc.wynerziv.transform import to_uint8
@@ -52,14 +61,12 @@ def check_complete(prediction: Interpolation, shape: tuple[int, int]) -> None:
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("position", [0.2, 0.5])
 def test_the_frame_between_is_predicted(method: str, position: float) -> None:
-    """Each method comes close to the true frame, borders and hidden parts included."""
     prediction = METHODS[method](MODEL, FIRST, SECOND).interpolate(camera_at(position), position)
     check_complete(prediction, SHAPE)
     assert psnr_db(to_uint8(prediction.luma), render(position, FRAME)[0]) > MIN_PSNR_DB[method]
 
 
 def test_expected_error_is_larger_where_the_error_is() -> None:
-    """The worst tenth of the pixels, by what is expected, are worse than the rest."""
     prediction = METHODS["depth"](MODEL, FIRST, SECOND).interpolate(camera_at(0.5), 0.5)
     error = np.abs(prediction.luma - render(0.5, FRAME)[0])
     doubtful = prediction.expected_error > np.quantile(prediction.expected_error, 0.9)
@@ -76,7 +83,6 @@ ODD = {
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("image", ODD)
 def test_odd_frames_are_predicted_all_the_same(method: str, image: str) -> None:
-    """Key frames without content, with nothing in common or few pixels give frames without holes."""
     first = ODD[image]
     frame = PixelFrame(first.shape[1], first.shape[0])
     points = np.random.default_rng(1).uniform(0, 15, (12, 2))
@@ -90,7 +96,6 @@ def test_odd_frames_are_predicted_all_the_same(method: str, image: str) -> None:
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("points", [0, 1, 3])
 def test_models_that_say_little(method: str, points: int) -> None:
-    """Without points, with a depth that is none, or with cameras in one place, there still is a frame."""
     chosen = np.arange(points)
     depths = np.array([2.0, np.inf, -1.0])[:points]
     model = replace(MODEL, correspondences=MODEL.correspondences[chosen], depths=depths)
@@ -101,7 +106,6 @@ def test_models_that_say_little(method: str, points: int) -> None:
 
 
 def test_forward_motion_with_the_epipole_in_the_picture() -> None:
-    """Points at the epipole, where depth cannot be told, do no harm."""
     forward = np.column_stack([np.eye(3), [0.0, 0.0, -0.5]])
     model = replace(MODEL, second_camera=forward)
     for make in METHODS.values():
@@ -110,7 +114,6 @@ def test_forward_motion_with_the_epipole_in_the_picture() -> None:
 
 @pytest.mark.parametrize("method", ["depth", "blocks"])
 def test_the_same_every_time_and_for_any_number_of_threads(method: str) -> None:
-    """Predictions are equal to the bit."""
     import cv2
 
     threads, results = cv2.getNumThreads(), []
@@ -123,38 +126,7 @@ def test_the_same_every_time_and_for_any_number_of_threads(method: str) -> None:
     np.testing.assert_array_equal(*results)
 
 
-def test_a_key_that_does_not_see_has_no_say() -> None:
-    """Blending follows time where both key frames see a point, and visibility where one does."""
-    planes = [np.full((4, 6), 10.0), np.full((4, 6), 90.0)]
-    visibility = [np.ones((4, 6)), np.ones((4, 6))]
-    visibility[1][:, 3:] = 1e-4
-    positions = [np.zeros((4, 6, 2))] * 2
-    luma = blend(planes, visibility, positions, np.ones((4, 6), bool), 0.25).luma
-    np.testing.assert_allclose(luma[:, :3], 30.0)
-    np.testing.assert_allclose(luma[:, 3:], 10.0, atol=0.01)
-
-
-def test_chroma_and_offsets_follow_the_positions() -> None:
-    """Motion by whole pixels moves chroma by halves of them, and blocks by four quarter samples each."""
-    rows, columns = np.indices((14, 18)).astype(np.float64)
-    positions = (np.stack([columns + 2, rows - 4], -1), np.stack([columns, rows], -1))
-    weights = (np.ones((14, 18)), np.zeros((14, 18)))
-    luma = np.zeros((14, 18))
-    moved = Interpolation(luma, (luma, luma), weights, positions, luma)
-    chroma = np.random.default_rng(0).integers(0, 256, (7, 9)).astype(np.uint8)
-    predicted = warp_chroma(moved, [(chroma, chroma), (chroma, chroma)])
-    assert predicted is not None
-    np.testing.assert_array_equal(predicted[0][3:, :-2], chroma[1:-2, 1:-1])
-    assert warp_chroma(moved, [(chroma, chroma), None]) is None
-    first, second = block_offsets(moved)
-    assert first.shape == (4, 5, 2)
-    assert first.dtype == np.int64
-    assert (first == [-16, 8]).all()
-    assert (second == 0).all()
-
-
 def test_spread_blocks() -> None:
-    """Slopes are interpolated, jumps are kept."""
     depth = np.array([[0.0, 0.02, 0.04, 1.0, 1.02]])
     spread = spread_blocks(depth, 4, (4, 20))
     np.testing.assert_allclose(spread[0, 2:10], np.linspace(0.0025, 0.0375, 8), atol=1e-12)
@@ -162,7 +134,6 @@ def test_spread_blocks() -> None:
 
 
 def test_mesh_reproduces_a_translation() -> None:
-    """A global motion along the epipolar lines is met exactly, at the border and beyond it too."""
     frame = PixelFrame(64, 48)
     sideways = np.column_stack([np.eye(3), [0.1, 0.0, 0.0]])
     points = np.random.default_rng(0).uniform(4, 40, (60, 2))
@@ -174,11 +145,10 @@ def test_mesh_reproduces_a_translation() -> None:
     grid = np.stack([columns, rows], -1) * 16.0 - 16.0
     np.testing.assert_allclose(mesh.second - grid, np.broadcast_to([3.2, 0.0], grid.shape), atol=1e-3)
     np.testing.assert_allclose(mesh.inverse_depth, 0.5, atol=1e-3)
-    assert mesh.num_fits == 1
+    assert mesh.kept.all()
 
 
 def test_mesh_drops_outliers() -> None:
-    """Fitting again without wrong matches brings the mesh closer to the right ones, most of which stay."""
     second = MODEL.correspondences.second.copy()
     wrong = np.arange(0, len(second), 40)
     second[wrong, 0] += 45.0
@@ -190,14 +160,12 @@ def test_mesh_drops_outliers() -> None:
         where = barycentric(MODEL.correspondences.first[right], mesh.second.shape[:2], 8.0)
         moved = where.interpolate(mesh.second.reshape(-1, 2))
         errors.append(np.median(np.abs(moved - second[right])))
-    assert 1 < mesh.num_fits <= 8
     assert errors[1] < 0.8 * errors[0]
     assert (~mesh.kept[wrong]).mean() >= 0.5
     assert mesh.kept[right].mean() > 0.5
 
 
 def test_mesh_equations() -> None:
-    """Barycentric weights reproduce places; linear motion is smooth; vertices keep to their lines."""
     points = np.random.default_rng(0).uniform(-8, 24, (30, 2))
     where = barycentric(points, (6, 6), 8.0)
     rows, columns = np.indices((6, 6))
@@ -213,3 +181,59 @@ def test_mesh_equations() -> None:
     for step in (0.0, 7.0):
         on_line = np.column_stack([place + step * direction, np.ones(36)])
         np.testing.assert_allclose((on_line * lines).sum(1) / np.linalg.norm(lines, axis=1), 0.0, atol=1e-9)
+
+
+MIDDLE = render(0.5, FRAME)[0]
+
+
+def test_it_is_not_worse_than_the_mean_of_both(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scene_interpolators, "MIN_PARALLAX", relative_parallax(MODEL))
+    luma = AveragedDepthInterpolator(MODEL, FIRST, SECOND).interpolate(camera_at(0.5), 0.5).luma
+    single = [
+        DepthInterpolator(MODEL, FIRST, SECOND).interpolate(camera_at(0.5), 0.5).luma,
+        DepthInterpolator(MODEL, FIRST, SECOND, (None, None), CENSUS_SWEEP)
+        .interpolate(camera_at(0.5), 0.5)
+        .luma,
+    ]
+    np.testing.assert_array_equal(luma, 0.5 * (single[0] + single[1]))
+    assert min(psnr_db(MIDDLE, to_uint8(one)) for one in single) > 30.0
+    errors = [float(np.mean((one - MIDDLE) ** 2)) for one in (luma, *single)]
+    assert errors[0] <= 0.5 * (errors[1] + errors[2])
+
+
+def test_one_depth_is_enough_where_parallax_is_small(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scene_interpolators, "MIN_PARALLAX", 1.001 * relative_parallax(MODEL))
+    found = AveragedDepthInterpolator(MODEL, FIRST, SECOND).interpolate(camera_at(0.5), 0.5)
+    expected = DepthInterpolator(MODEL, FIRST, SECOND).interpolate(camera_at(0.5), 0.5)
+    np.testing.assert_array_equal(found.luma, expected.luma)
+
+
+def rendered(level: float, error: float) -> Interpolation:
+    """Return an even prediction that expects some error."""
+    plane: NDArray[np.float64] = np.full((20, 30), level)
+    positions = np.zeros((20, 30, 2))
+    return Interpolation(
+        plane, (plane, plane), (plane, plane), (positions, positions), np.full_like(plane, error)
+    )
+
+
+def test_the_one_that_expects_less_error_counts_more() -> None:
+    for errors, near in (((1.0, 20.0), 100.0), ((20.0, 1.0), 110.0)):
+        fused = fuse_scenes(rendered(100.0, errors[0]), rendered(110.0, errors[1]))
+        assert (np.abs(fused.luma - near) < 0.5).all()
+        np.testing.assert_allclose(fused.compensated[0], fused.luma)
+        assert [plane.mean() for plane in fused.hypotheses] == [100.0, 110.0]
+
+
+def test_shares_are_inverse_squared_errors() -> None:
+    """At the same error blocks count half as much as depth, at twice the error an eighth."""
+    for errors, share in (((2.0, 2.0), 1 / 3), ((2.0, 4.0), 1 / 9), ((4.0, 2.0), 2 / 3)):
+        fused = fuse_scenes(rendered(100.0, errors[0]), rendered(110.0, errors[1]))
+        np.testing.assert_allclose(fused.luma, 100.0 + 10.0 * share)
+
+
+def test_disagreement_is_uncertainty() -> None:
+    errors = [fuse_scenes(rendered(100.0, 2.0), rendered(100.0 + d, 2.0)).expected_error for d in (0, 10, 30)]
+    np.testing.assert_allclose(errors[0], 2.0)
+    assert (errors[0] < errors[1]).all()
+    assert (errors[1] < errors[2]).all()

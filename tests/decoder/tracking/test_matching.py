@@ -9,10 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from decoder.tracking import TrackingSettings, match_points
-from decoder.tracking.matching import choose_paired_corners, strongest_nearby
+from decoder.tracking.matching import TrackingSettings, choose_paired_corners, match_points, strongest_nearby
 from dvc.corners import corner_response
-from dvc.tracks.points import FeaturePoints
+from dvc.tracks import FeaturePoints
 from sfm.scene_model import Correspondences, Reconstruction
 
 Floats = NDArray[np.float64]
@@ -68,7 +67,6 @@ def hand_held_clip(seed: int, num_frames: int = 9, jitter_px: float = 5.0, clutt
 
 
 def track(clip: Clip, points: FeaturePoints | None = None) -> Floats:
-    """Return the positions of the tracks of a clip."""
     received = clip.points if points is None else points
     return match_points(clip.reconstruction, clip.first, clip.second, received).positions
 
@@ -83,7 +81,6 @@ def errors_px(clip: Clip, positions: Floats) -> Floats:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_shaking_camera_is_followed(seed: int) -> None:
-    """Tracks are within half a pixel of the truth, though the camera shakes by many pixels."""
     clip = hand_held_clip(seed)
     error = errors_px(clip, track(clip))
     assert len(error) > 0.4 * len(clip.truth) * 9
@@ -92,7 +89,6 @@ def test_a_shaking_camera_is_followed(seed: int) -> None:
 
 
 def test_ends_are_correspondences() -> None:
-    """Every track begins and ends at a correspondence of the key frames."""
     clip = hand_held_clip(5)
     positions = track(clip)
     ends = {(*a, *b) for a, b in zip(clip.truth[:, 0], clip.truth[:, -1], strict=True)}
@@ -100,13 +96,11 @@ def test_ends_are_correspondences() -> None:
 
 
 def test_tracks_are_the_same_each_time() -> None:
-    """Nothing is random."""
     clip = hand_held_clip(6)
     np.testing.assert_array_equal(track(clip), track(clip))
 
 
 def test_a_frame_without_points_has_no_positions() -> None:
-    """Where nothing was received nothing is claimed, and the other frames do not suffer."""
     clip = hand_held_clip(7)
     frames = list(clip.points.frames)
     frames[4] = np.empty((0, 2))
@@ -116,7 +110,6 @@ def test_a_frame_without_points_has_no_positions() -> None:
 
 
 def test_nothing_received_gives_no_tracks() -> None:
-    """Without points in any frame there is no track."""
     clip = hand_held_clip(8)
     assert track(clip, FeaturePoints((np.empty((0, 2)),) * 9)).shape == (0, 11, 2)
     assert track(clip, FeaturePoints(())).shape == (0, 2, 2)
@@ -135,7 +128,6 @@ def test_nothing_received_gives_no_tracks() -> None:
     )
 )
 def test_any_points_give_tracks(frames: list[list[tuple[float, float]]]) -> None:
-    """Whatever is received, tracks have finite ends and the right shape."""
     clip = hand_held_clip(9, num_frames=2)
     points = FeaturePoints(tuple(np.array(frame, dtype=np.float64).reshape(-1, 2) for frame in frames))
     positions = track(clip, points)
@@ -144,7 +136,6 @@ def test_any_points_give_tracks(frames: list[list[tuple[float, float]]]) -> None
 
 
 def test_few_correspondences_do_no_harm() -> None:
-    """From no correspondence to a handful on a line, tracks are found or not, without an exception."""
     clip = hand_held_clip(10)
     matches = clip.reconstruction.stages["matching"]
     for chosen in (np.arange(0), np.arange(1), np.arange(2), np.arange(5), np.arange(15)):
@@ -156,14 +147,12 @@ def test_few_correspondences_do_no_harm() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_points_that_lie_anywhere_give_no_tracks(seed: int) -> None:
-    """Nothing is claimed from points that have nothing to do with the scene."""
     rng = np.random.default_rng(seed)
     anywhere = [np.rint(rng.uniform(0, [WIDTH - 1, HEIGHT - 1], (176, 2))) for _ in range(9)]
     assert len(track(hand_held_clip(11), FeaturePoints(tuple(anywhere)))) == 0
 
 
 def test_peaks_of_a_parabola_are_exact() -> None:
-    """The peak of a quadratic response is found between pixels, from a pixel beside it."""
     rows, columns = np.mgrid[:40, :50]
     centre = np.array([20.3, 15.8])
     response = 100.0 - (columns - centre[0]) ** 2 - 2.0 * (rows - centre[1]) ** 2
@@ -173,7 +162,6 @@ def test_peaks_of_a_parabola_are_exact() -> None:
 
 
 def test_a_slope_has_no_peak() -> None:
-    """Where the response rises out of the neighbourhood, or out of the frame, there is no strength."""
     response = np.add.outer(np.arange(30.0), np.arange(40.0)) + 1.0
     places = np.array([[20.0, 10.0], [39.0, 29.0], [-5.0, 90.0]])
     assert (strongest_nearby(response, places, 2)[1] == 0).all()
@@ -181,14 +169,12 @@ def test_a_slope_has_no_peak() -> None:
 
 
 def test_the_peak_of_a_spot_is_found() -> None:
-    """A spot is a corner where it is."""
     place = np.array([[60.4, 40.7]])
     peaks, _ = strongest_nearby(corner_response(dotted(place, (96, 128)), np.ones(5)), np.rint(place), 2)
     np.testing.assert_allclose(peaks, place, atol=0.15)
 
 
 def test_corners_are_followed_not_points() -> None:
-    """Points beside a spot are replaced by the spot, one point for each, and flat places are left out."""
     centres = np.array([[30.3, 30.6], [80.0, 40.2], [60.5, 70.0]])
     beside = np.concatenate([np.rint(centres), np.rint(centres) + ASIDE, [[15.0, 80.0]]])
     moved = beside + MOTION
@@ -208,7 +194,6 @@ def test_corners_are_followed_not_points() -> None:
 
 
 def test_a_corner_that_wanders_is_no_pair() -> None:
-    """A corner that is not at the same place relative to its point in both key frames is not followed."""
     centre = np.array([[30.0, 30.0]])
     pairs = Correspondences(centre - ASIDE, centre + ASIDE, np.zeros(1))
     assert (

@@ -8,11 +8,11 @@ import pytest
 
 from decoder.report import DecodedPicture
 from decoder.view import decoding_view
-from decoder.view.decoding_view import KINDS, DecodingView, Facts, facts_of
+from decoder.view.decoding_view import KINDS, DecodingView
 from dvc.config import Qp, VideoConfig, codec_config
 from dvc.video import Frame
 
-FACTS = Facts("a.dvc", "facts", 25.0, 9)
+FACTS = codec_config(VideoConfig(64, 48, 30, 1), "2d", Qp(34)), "a.dvc", 9
 CAMERA = np.array([[1.0, 0, 0, -2], [0, 1, 0, 0], [0, 0, 1, 3]])
 
 
@@ -38,14 +38,15 @@ def drawn(view: DecodingView, index: int, kind: str) -> np.ndarray:
 
 
 def test_figures_of_later_frames() -> None:
-    """What was told already is not told again; sums are of all frames."""
-    view = DecodingView(FACTS, lambda: 7)
+    view = DecodingView(*FACTS, lambda: 7)
     assert view.state(-1)["first_picture"] is None
     view.add(picture(0, key=True), 0)
     view.add(picture(1), 1)
     view.add(picture(2, camera=np.zeros((3, 4))), 1)
     state = view.state(0)
     assert (state["name"], state["total"], state["num_frames"], state["finished"]) == ("a.dvc", 9, 3, False)
+    assert state["facts"].startswith("64x48 at 30 Hz, codec 2d, ")
+    assert state["facts"].endswith("colour, key frames of QP 34")
     assert (state["bits"], state["requests_in_flight"]) == ({"key": 9, "parity": 3}, 7)
     assert [row["index"] for row in state["rows"]] == [1, 2]
     assert [row["centre"] for row in state["rows"]] == [[2.0, 0.0, -3.0], None]
@@ -55,8 +56,7 @@ def test_figures_of_later_frames() -> None:
 
 
 def test_pictures() -> None:
-    """Colours, prediction, difference and depth are drawn as they are; a key frame has itself alone."""
-    view = DecodingView(FACTS)
+    view = DecodingView(*FACTS)
     view.add(picture(0, key=True), 0)
     view.add(picture(1), 0)
     # Black is 16, white 235, as in nearly every video.
@@ -70,10 +70,9 @@ def test_pictures() -> None:
 
 
 def test_memory_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pictures and figures of frames long past are let go; the latest one is always there."""
     monkeypatch.setattr(decoding_view, "MAX_PICTURE_PX", 3 * 16 * 32)
     monkeypatch.setattr(decoding_view, "NUM_ROWS", 5)
-    view = DecodingView(FACTS)
+    view = DecodingView(*FACTS)
     for index in range(9):
         view.add(picture(index), 0)
     assert [index for index in range(9) if view.jpeg(index, "decoded")] == [6, 7, 8]
@@ -85,10 +84,3 @@ def test_memory_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(decoding_view, "MAX_PICTURE_PX", 1)
     view.add(picture(9), 0)
     assert [index for index in range(10) if view.jpeg(index, "decoded")] == [9]
-
-
-def test_facts() -> None:
-    """They are those of the configuration."""
-    facts = facts_of(codec_config(VideoConfig(64, 48, 30, 1), "2d", Qp(34)), "x", None)
-    assert facts.facts.startswith("64x48 at 30 Hz, codec 2d, ")
-    assert facts.facts.endswith("colour, key frames of QP 34")

@@ -14,9 +14,8 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 import encoder
-from decoder.view import server
-from decoder.view.decoding_view import Facts
-from decoder.view.server import HOST, ViewServer
+from decoder.view import decoding_view
+from decoder.view.decoding_view import HOST, ViewServer
 from dvc.config import Qp, VideoConfig, codec_config
 from dvc.errors import ConfigError
 from dvc.geometry.cameras import PixelFrame
@@ -32,7 +31,7 @@ HOSTILE = "<script>window.stolen = 1</script>.dvc"
 def served() -> Iterator[ViewServer]:
     """Serve three frames of a stream with a hostile name."""
     with ViewServer() as page:
-        view = page.show(Facts(HOSTILE, "facts", 25.0, 3), lambda: 5)
+        view = page.show(codec_config(VideoConfig(32, 16, 25, 1)), HOSTILE, 3, lambda: 5)
         view.add(picture(0, key=True), 0)
         view.add(picture(1), 1)
         view.add(picture(2), 1)
@@ -58,7 +57,6 @@ def asked(page: ViewServer, path: str, method: str = "GET", **headers: str) -> t
 
 
 def test_what_is_served(served: ViewServer) -> None:
-    """The page, figures and pictures; nothing else, and nothing to a page of another name."""
     assert served.address == f"http://{served.name}/"
     assert [asked(served, path)[0] for path in ("/", "/state?after=-1", "/pictures/1/depth.jpg")] == [200] * 3
     for path in (
@@ -76,8 +74,7 @@ def test_what_is_served(served: ViewServer) -> None:
 
 
 def test_few_are_answered_at_a_time(served: ViewServer, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Those who connect and say nothing take no more than their share, and are closed in the end."""
-    monkeypatch.setattr(server, "REQUEST_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(decoding_view, "REQUEST_TIMEOUT_S", 0.5)
     with ViewServer() as page:
         silent = [socket.create_connection(tuple(page.name.split(":")), timeout=30) for _ in range(20)]  # type: ignore[arg-type]
         assert all(one.recv(1) == b"" for one in silent)
@@ -87,13 +84,11 @@ def test_few_are_answered_at_a_time(served: ViewServer, monkeypatch: pytest.Monk
 
 
 def test_a_port_that_is_taken(served: ViewServer) -> None:
-    """One line says so."""
     with pytest.raises(ConfigError, match=f"cannot serve a page on {HOST}"):
         ViewServer(int(served.name.split(":")[1]))
 
 
 def test_page_in_a_browser(browser: Browser, served: ViewServer) -> None:
-    """Pictures and figures come by themselves; nothing is logged, no other address is asked, no name runs."""
     page = browser.new_page(viewport={"width": 1200, "height": 1400})
     logged: list[str] = []
     requests: list[str] = []
@@ -119,7 +114,6 @@ def test_page_in_a_browser(browser: Browser, served: ViewServer) -> None:
 
 
 def test_a_command_is_watched(browser: Browser, tmp_path: Path) -> None:
-    """The page fills while the command decodes, and stays after all is written until an interrupt."""
     size = (176, 144)
     frames = [Frame(render(time, PixelFrame(*size))[0]) for time in np.linspace(0.0, 1.0, 5)]
     stream, video = tmp_path / "stream.dvc", tmp_path / "decoded.y4m"

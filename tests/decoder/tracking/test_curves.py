@@ -1,13 +1,66 @@
-"""Snakes: their equations against dense algebra, and what smoothness carries to where nothing is seen."""
+"""Common motion of a frame among clutter, and snakes: equations against dense algebra, smoothness."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.tracking.registration import ReceivedPoints
-from decoder.tracking.snakes import SnakeSettings, _Smoothness, fit_snakes
+from decoder.tracking.curves import (
+    ReceivedPoints,
+    RegistrationSettings,
+    SnakeSettings,
+    _Smoothness,
+    affine_terms,
+    fit_snakes,
+    register,
+)
 from sfm.correspondences.outliers import delaunay_neighbours
 
 Floats = NDArray[np.float64]
+
+
+def scattered(count: int, seed: int) -> tuple[Floats, Floats]:
+    rng = np.random.default_rng(seed)
+    first = rng.uniform([10, 10], [340, 270], (count, 2))
+    return first, first + np.array([30.0, 6.0]) * rng.uniform(0.3, 1.0, (count, 1))
+
+
+def received(points: Floats, seed: int) -> ReceivedPoints:
+    """Detect half of the points in whole pixels, and as many others."""
+    rng = np.random.default_rng(seed)
+    seen = points[rng.random(len(points)) < 0.5]
+    return ReceivedPoints(np.unique(np.rint([*seen, *rng.uniform(0, 280, seen.shape)]), axis=0))
+
+
+def test_shift_turn_and_temporal_offset_are_found() -> None:
+    first, second = scattered(200, 1)
+    turn = 0.01 * np.column_stack([-(first[:, 1] - 140), first[:, 0] - 170])
+    truth = [
+        np.array([9.0, -12.0]) + turn - 0.2 * (second - first),
+        np.array([-6.0, 5.0]) + 0.15 * (second - first),
+    ]
+    even = [(2 * first + second) / 3, (first + 2 * second) / 3]
+    frames = [received(e + d, seed) for seed, (e, d) in enumerate(zip(even, truth, strict=True))]
+    found = register(first, second, np.array([1, 2]) / 3, frames, RegistrationSettings())
+    error = np.linalg.norm(found - np.stack(truth), axis=2)
+    assert np.quantile(error, 0.95) < 0.5
+
+
+def test_without_points_nothing_deviates() -> None:
+    first, second = scattered(20, 2)
+    frames = [ReceivedPoints(np.empty((0, 2)))]
+    assert not register(first, second, np.array([0.5]), frames, RegistrationSettings()).any()
+
+
+def test_terms_are_bounded() -> None:
+    first, second = scattered(50, 3)
+    terms = affine_terms(first, second)
+    assert np.abs(terms).max() <= 2.0
+    assert affine_terms(first[:1], second[:1]).tolist() == [[1.0, 0.0, 0.0, 0.0, 0.0]]
+
+
+def test_a_corner_belongs_to_one_place() -> None:
+    corners = ReceivedPoints(np.array([[10.0, 10.0], [50.0, 10.0]]))
+    chosen, found, distance = corners.match(np.array([[12.0, 10.0], [11.0, 10.0], [55.0, 10.0]]), 3.0)
+    assert (chosen.tolist(), found.tolist(), distance.tolist()) == ([1], [0], [1.0])
 
 
 def normal_matrix(first: Floats, second: Floats, num_frames: int, settings: SnakeSettings) -> Floats:
@@ -33,7 +86,6 @@ def normal_matrix(first: Floats, second: Floats, num_frames: int, settings: Snak
 
 
 def test_conjugate_gradients_solve_the_normal_equations() -> None:
-    """The solution is that of the equations written out."""
     rng = np.random.default_rng(1)
     first = rng.uniform(0, 100, (12, 2))
     second = first + rng.uniform(-8, 8, (12, 2))
@@ -47,7 +99,6 @@ def test_conjugate_gradients_solve_the_normal_equations() -> None:
 
 
 def test_neighbours_carry_what_is_not_seen() -> None:
-    """A snake without points deviates as those around it do."""
     columns, rows = np.meshgrid(np.arange(5) * 20.0, np.arange(5) * 20.0)
     first = np.column_stack([columns.ravel(), rows.ravel()]) + 30.0
     expected = np.repeat(first[:, None], 3, axis=1)
@@ -61,7 +112,6 @@ def test_neighbours_carry_what_is_not_seen() -> None:
 
 
 def test_points_far_away_do_not_pull() -> None:
-    """Snakes without a point near them stay where they were expected."""
     first = np.array([[20.0, 20.0], [60.0, 20.0], [40.0, 50.0], [70.0, 70.0]])
     expected = np.repeat(first[:, None], 2, axis=1)
     snakes = fit_snakes(first, first, expected, [ReceivedPoints(first + 9.0)] * 2, SnakeSettings())

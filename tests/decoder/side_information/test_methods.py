@@ -1,16 +1,23 @@
-"""Prediction from a model of the scene with tracked points."""
+"""Prediction from a model of the scene, with tracked points and without."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from decoder.side_information.methods import METHODS
+from decoder.side_information.block_motion import BlockMotionInterpolation
+from decoder.side_information.methods import (
+    INTERPOLATORS,
+    METHODS,
+    GroupGeometry,
+    SceneInterpolation,
+    TrackedSceneInterpolation,
+    in_rigid_order,
+)
 from decoder.side_information.protocol import ReferenceFrame, SceneInterpolatorType
 from decoder.side_information.scene_interpolators import BlockInterpolator, DepthInterpolator
-from decoder.side_information.tracked_scene import GroupGeometry, TrackedSceneInterpolation, in_rigid_order
-from decoder.side_information.untracked_scene import SceneInterpolation
-from dvc.config import CodecConfig, VideoConfig, codec_config
+from dvc.config import CodecConfig, GeometryConfig, TracksConfig, VideoConfig, codec_config
 from dvc.geometry.cameras import PixelFrame, oriented, project
 from dvc.metrics import psnr_db
 from dvc.tracks import FeaturePoints, PointTracks
@@ -22,8 +29,7 @@ from tests.scenes_3d import camera_at, render, two_planes
 
 PIXELS = PixelFrame(176, 144)
 CONFIG = codec_config(
-    VideoConfig(176, 144, 25, 1),
-    side_information={"track_corrections": False, "fallback": "block-motion"},
+    VideoConfig(176, 144, 25, 1), side_information={"track_corrections": False, "fallback": "block-motion"}
 )
 BY_TRACKS = replace(CONFIG, side_information=replace(CONFIG.side_information, fallback="tracks"))
 INSTANTS = (0.0, 0.45, 0.55, 0.6, 1.0)
@@ -35,7 +41,6 @@ KEYS = [REFERENCES[0], REFERENCES[4]]
 
 
 def true_tracks(number: int = 90) -> PointTracks:
-    """Return tracks of whole pixels."""
     points = two_planes(176, 144).points[:number]
     seen = [PIXELS.to_pixels(project(camera_at(position), points)[0]) for position in INSTANTS]
     return PointTracks(np.round(np.stack(seen, axis=1)))
@@ -53,14 +58,12 @@ def quality(
 
 @pytest.mark.parametrize("interpolator", [DepthInterpolator, BlockInterpolator])
 def test_tracks_tell_where_the_camera_is(interpolator: SceneInterpolatorType) -> None:
-    """An uneven camera is predicted several decibels better than without tracks."""
     tracked, blind = TrackedSceneInterpolation(interpolator, CONFIG), SceneInterpolation(interpolator, CONFIG)
     for instant in (9, 11):
         assert quality(tracked, true_tracks(), instant) > quality(blind, None, instant) + 4.0
 
 
 def test_frames_that_are_decoded_serve_as_references() -> None:
-    """Nearer references give a better prediction, and the middle of the group has a camera, too."""
     method = TrackedSceneInterpolation(DepthInterpolator, CONFIG)
     far = quality(method, true_tracks(), 9)
     [near] = method.predict([REFERENCES[0], REFERENCES[2], REFERENCES[4]], true_tracks(), [9])
@@ -69,7 +72,6 @@ def test_frames_that_are_decoded_serve_as_references() -> None:
 
 
 def test_the_prediction_does_not_depend_on_what_was_asked_before() -> None:
-    """Caches change nothing."""
     method, tracks = TrackedSceneInterpolation(DepthInterpolator, CONFIG), true_tracks()
     [alone] = TrackedSceneInterpolation(DepthInterpolator, CONFIG).predict(KEYS, tracks, [9])
     method.predict([REFERENCES[0], REFERENCES[2], REFERENCES[4]], tracks, [9])
@@ -80,7 +82,6 @@ def test_the_prediction_does_not_depend_on_what_was_asked_before() -> None:
 
 
 def test_without_tracks_the_camera_is_guessed() -> None:
-    """No points, or none that were received, give what the codec without tracks predicts."""
     [expected] = SceneInterpolation(DepthInterpolator, CONFIG).predict(KEYS, None, [10])
     for points in (None, PointTracks.none(5)):
         [found] = TrackedSceneInterpolation(DepthInterpolator, CONFIG).predict(KEYS, points, [10])
@@ -88,7 +89,6 @@ def test_without_tracks_the_camera_is_guessed() -> None:
 
 
 def test_block_motion_serves_where_there_is_no_scene() -> None:
-    """Key frames without a model give aligned block motion, and say why."""
     black = ReferenceFrame(12, Frame(np.zeros((144, 176), np.uint8), CHROMA))
     [found] = TrackedSceneInterpolation(DepthInterpolator, CONFIG).predict(
         [KEYS[0], black], true_tracks(), [10]
@@ -99,7 +99,6 @@ def test_block_motion_serves_where_there_is_no_scene() -> None:
 
 
 def test_references_warped_by_tracks_serve_where_there_is_no_scene() -> None:
-    """Between a key frame and one without any texture the tracks still serve, chroma and refinement too."""
     black = ReferenceFrame(12, Frame(np.zeros((144, 176), np.uint8), CHROMA))
     method = TrackedSceneInterpolation(DepthInterpolator, BY_TRACKS)
     [found] = method.predict([KEYS[0], black], true_tracks(), [10])
@@ -122,25 +121,22 @@ def test_references_warped_by_tracks_join_the_scene() -> None:
     assert max(np.abs(gained_db)) > 0.0
 
 
+HOSTILE: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "nan": lambda positions: np.full_like(positions, np.nan),
+    "lost": lambda positions: np.where(np.arange(5)[:, None] < 2, positions, np.nan),
+    "one place": lambda positions: np.full_like(positions, 50.0),
+    "noise": lambda positions: np.random.default_rng(0).uniform(0, 140, positions.shape),
+    "outside": lambda positions: positions + np.array([0.0, 1e6, 1e6, 1e6, 0.0])[:, None],
+    "too few": lambda positions: positions[:3],
+}
+
+
 @pytest.mark.parametrize("config", [CONFIG, BY_TRACKS], ids=["block motion", "tracks"])
-@pytest.mark.parametrize("kind", ["nan", "lost", "one place", "noise", "outside", "too few"])
+@pytest.mark.parametrize("kind", HOSTILE)
 def test_hostile_tracks_give_a_prediction(kind: str, config: CodecConfig) -> None:
-    """Tracks of any kind end in a prediction without holes, told as a failure where it is one."""
-    positions = true_tracks().positions.copy()
-    if kind == "nan":
-        positions[:] = np.nan
-    if kind == "lost":
-        positions[:, 2:] = np.nan
-    if kind == "one place":
-        positions[:] = 50.0
-    if kind == "noise":
-        positions = np.random.default_rng(0).uniform(0, 140, positions.shape)
-    if kind == "outside":
-        positions[:, 1:4] += 1e6
-    if kind == "too few":
-        positions = positions[:3]
     method = TrackedSceneInterpolation(DepthInterpolator, config)
-    for prediction in method.predict(KEYS, PointTracks(positions), [9, 10, 11]):
+    tracks = PointTracks(HOSTILE[kind](true_tracks().positions))
+    for prediction in method.predict(KEYS, tracks, [9, 10, 11]):
         assert np.isfinite(prediction.luma).all()
         assert np.isfinite(np.stack(prediction.compensated)).all()
         assert prediction.success == (not prediction.reason)
@@ -149,7 +145,6 @@ def test_hostile_tracks_give_a_prediction(kind: str, config: CodecConfig) -> Non
 
 
 def test_corners_of_each_frame_will_do() -> None:
-    """Tracking at the decoder makes tracks of corners, which tell where the camera is."""
     corners = CornerDetector(176).detect([frame.luma for frame in FRAMES[1:4]])
     config = codec_config(CONFIG.video, "3d-td", side_information=CONFIG.side_information)
     tracked, blind = (
@@ -162,7 +157,6 @@ def test_corners_of_each_frame_will_do() -> None:
 
 
 def test_without_corners_the_scene_is_that_of_no_tracks() -> None:
-    """Frames without a corner are predicted as if no points were sent at all."""
     config = codec_config(CONFIG.video, "3d-td", side_information=CONFIG.side_information)
     none = FeaturePoints((np.empty((0, 2)),) * 3)
     [found] = TrackedSceneInterpolation(DepthInterpolator, config).predict(KEYS, none, [10])
@@ -171,13 +165,12 @@ def test_without_corners_the_scene_is_that_of_no_tracks() -> None:
 
 
 def test_the_codec_says_which_method_it_is() -> None:
-    """Codecs with tracks build the tracked form of a method by the same name."""
     assert isinstance(METHODS["depth"](CONFIG), TrackedSceneInterpolation)
-    assert isinstance(METHODS["blocks"](codec_config(CONFIG.video, "3d")), SceneInterpolation)
+    assert isinstance(METHODS["blocks"](UNTRACKED), SceneInterpolation)
+    assert isinstance(METHODS["fused"](codec_config(CONFIG.video, "2d")), BlockMotionInterpolation)
 
 
 def test_tracks_correct_what_is_rendered_if_the_stream_says_so() -> None:
-    """Residuals of tracks change the prediction, which is not worse for it."""
     settings = replace(CONFIG.side_information, track_corrections=True)
     method = TrackedSceneInterpolation(DepthInterpolator, replace(CONFIG, side_information=settings))
     plain = TrackedSceneInterpolation(DepthInterpolator, CONFIG)
@@ -185,6 +178,60 @@ def test_tracks_correct_what_is_rendered_if_the_stream_says_so() -> None:
         gain_db = quality(method, true_tracks(), instant) - quality(plain, true_tracks(), instant)
         assert gain_db != 0.0
         assert gain_db > -0.1
+
+
+UNTRACKED = codec_config(CONFIG.video, "3d")
+
+
+EVEN = [Frame(render(position, PIXELS)[0], CHROMA) for position in (0.0, 0.25, 0.5, 0.75, 1.0)]
+EVEN_KEYS = [ReferenceFrame(8, EVEN[0]), ReferenceFrame(12, EVEN[4])]
+
+
+@pytest.mark.parametrize("name", INTERPOLATORS)
+@pytest.mark.parametrize("backend", ["native", "colmap"])
+def test_the_scene_serves(name: str, backend: str) -> None:
+    config = codec_config(UNTRACKED.video, "3d", geometry=GeometryConfig(backend))
+    predictions = SceneInterpolation(INTERPOLATORS[name], config).predict(EVEN_KEYS, None, [9, 10, 11])
+    others = BlockMotionInterpolation().predict(EVEN_KEYS, None, [9, 10, 11])
+    for prediction, other, frame in zip(predictions, others, EVEN[1:4], strict=True):
+        assert (prediction.method, prediction.success, prediction.reason) == (name, True, "")
+        assert prediction.chroma is not None
+        assert abs(int(prediction.chroma[0][36, 44]) - 100) <= 1
+        assert psnr_db(to_uint8(prediction.luma), frame.luma) > psnr_db(to_uint8(other.luma), frame.luma)
+
+
+@pytest.mark.parametrize("name", INTERPOLATORS)
+def test_untracked_block_motion_serves_where_there_is_no_scene(name: str) -> None:
+    cut = [EVEN_KEYS[0], ReferenceFrame(12, Frame(np.zeros((144, 176), np.uint8), CHROMA))]
+    [prediction] = SceneInterpolation(INTERPOLATORS[name], UNTRACKED).predict(cut, None, [10])
+    [block_motion] = BlockMotionInterpolation().predict(cut, None, [10])
+    assert prediction.method == "mci"
+    assert not prediction.success
+    assert prediction.reason
+    np.testing.assert_array_equal(prediction.luma, block_motion.luma)
+
+
+def test_order_and_company_do_not_matter() -> None:
+    method = SceneInterpolation(DepthInterpolator, UNTRACKED)
+    [alone] = SceneInterpolation(DepthInterpolator, UNTRACKED).predict(EVEN_KEYS, None, [10])
+    method.predict([EVEN_KEYS[0], ReferenceFrame(10, EVEN[2])], None, [9])
+    for _ in range(2):
+        [again] = method.predict(EVEN_KEYS, None, [10])
+        np.testing.assert_array_equal(again.luma, alone.luma)
+        np.testing.assert_array_equal(again.compensated[1], alone.compensated[1])
+
+
+def test_all_hypotheses_are_left_to_the_decoder() -> None:
+    """With tracks or without, block motion, depth and blocks are alternatives of what they are fused to."""
+    points = two_planes(176, 144).points[:90]
+    instants = (0.0, 0.3, 0.5, 0.7, 1.0)
+    seen = [PIXELS.to_pixels(project(camera_at(position), points)[0]) for position in instants]
+    tracks = PointTracks(np.round(np.stack(seen, axis=1)).astype(np.float64))
+    for codec, kind, received in (("3d-te", "encoder", tracks), ("3d", "none", None)):
+        config = codec_config(CONFIG.video, codec, tracks=TracksConfig(kind))
+        [found] = METHODS["fused"](config).predict(KEYS, received, [10])
+        assert (found.success, found.method) == (True, "fused")
+        assert len(found.alternatives) == 3
 
 
 GEOMETRY_INSTANTS = (0.0, 0.4, 1.0)
@@ -198,7 +245,6 @@ def group(model: Model, basis: np.ndarray) -> GroupGeometry:
 
 
 def test_all_cameras_of_a_group_come_along() -> None:
-    """Cameras see the points where they did, nearer is nearer again, and what is missing stays missing."""
     truth = two_planes(176, 144, noise_px=0.0)
     basis = np.eye(4)
     basis[3, 2:] = 2.0 / truth.depths.min(), -1.0
@@ -221,6 +267,5 @@ def test_all_cameras_of_a_group_come_along() -> None:
 
 
 def test_a_group_in_order_stays_as_it_is() -> None:
-    """Nothing is copied where nothing has to change."""
     right = group(two_planes(176, 144), np.eye(4))
     assert in_rigid_order(right) is right
