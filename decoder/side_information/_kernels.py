@@ -208,12 +208,13 @@ def bilateral_sad(pair, instant, row, column, dv, dh, window):
 def neighbourhood(field, i, j, vectors):
     """Write a vector and its eight neighbours, the border repeated: (9, 2)."""
     last_row, last_column = field.shape[0] - 1, field.shape[1] - 1
-    vectors[0] = field[i, j]
+    vectors[0, 0], vectors[0, 1] = field[i, j, 0], field[i, j, 1]
     count = 1
     for dy in range(-1, 2):
         for dx in range(-1, 2):
             if dy != 0 or dx != 0:
-                vectors[count] = field[min(max(i + dy, 0), last_row), min(max(j + dx, 0), last_column)]
+                row, column = min(max(i + dy, 0), last_row), min(max(j + dx, 0), last_column)
+                vectors[count, 0], vectors[count, 1] = field[row, column, 0], field[row, column, 1]
                 count += 1
 
 
@@ -231,7 +232,7 @@ def vector_median(field, median):
                     total += abs(vectors[k, 0] - vectors[m, 0]) + abs(vectors[k, 1] - vectors[m, 1])
                 if total < least:
                     least, best = total, k
-            median[i, j] = vectors[best]
+            median[i, j, 0], median[i, j, 1] = vectors[best, 0], vectors[best, 1]
 
 
 @kernel
@@ -248,7 +249,7 @@ def refine_bilateral(pair, instant, blocks, steps, fields, vectors):
             row = clamp_position(4 * (margin + i * block - border), window, height)
             column = clamp_position(4 * (margin + j * block - border), window, width)
             neighbourhood(medians, i, j, candidates)
-            candidates[9] = field[i, j]
+            candidates[9, 0], candidates[9, 1] = field[i, j, 0], field[i, j, 1]
             best = np.int64(1) << 41
             best_v, best_h = candidates[0, 0], candidates[0, 1]
             for k in range(11):

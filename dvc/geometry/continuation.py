@@ -137,7 +137,7 @@ def fill_depth(
         for x in range(depth.shape[1]):
             if visibility[y, x] == CONSISTENT:
                 continue
-            count = 0
+            count = np.int64(0)
             for direction in range(8):
                 distance = nearest[direction, y, x]
                 if distance < 0:

@@ -84,8 +84,9 @@ def pack_words(bits, words):
 @kernel
 def crc_words(words, polynomial, width, register):
     """Divide 64 planes at once by the CRC polynomial P; `register` ends as the remainder, top bit first."""
-    dividend = np.empty(words.size + width, np.uint64)
-    dividend[: words.size], dividend[words.size :] = words, np.uint64(0)
+    dividend = np.zeros(words.size + width, np.uint64)
+    for n in range(words.size):
+        dividend[n] = words[n]
     nearest = 1
     while not (polynomial >> (width - nearest)) & 1:
         nearest += 1
@@ -100,7 +101,8 @@ def crc_words(words, polynomial, width, register):
                     for n in range(fed.size):
                         reached[n] ^= fed[n]
             start = stop
-    register[:] = dividend[words.size :]
+    for n in range(width):
+        register[n] = dividend[words.size + n]
 
 
 @kernel

@@ -210,7 +210,7 @@ def code_areas(coder, counts, flags):
                 context += 2 * flags[r - 1, c]
                 if c + 1 < flags.shape[1]:
                     context += 4 * flags[r - 1, c + 1]
-            flags[r, c] = code_adaptive(coder, counts, context, flags[r, c])
+            flags[r, c] = code_adaptive(coder, counts, context, np.int64(flags[r, c]))
 
 
 # exp and log of our own: those of libraries differ between processors in their last digit, which the decoder

@@ -263,7 +263,8 @@ def columns_s(values: Float32s, predictions: Labels, level: Any, m: Int, n: Int,
             cost = level.coefficients[level.coefficient_kind[i + 1, j]]
             combine_s(values[i, j], values[i + 1, j], predictions[i + 1, j], cost, ZERO_ERROR, columns[c])
         else:
-            columns[c, :] = values[i, j]
+            for d in range(values.shape[2]):
+                columns[c, d] = values[i, j, d]
     return count
 
 
@@ -325,7 +326,8 @@ def pass_up(
                     floor = work[0].min() + work[1].min()
                     combine_s(work[0], work[1], predictions[2 * m, 2 * n + 1], cost, floor, full)
                 elif splits:
-                    full[:] = work[0]
+                    for d in range(labels):
+                        full[d] = work[0, d]
             total += join(full, below, flag, up[m, n])
     return total
 

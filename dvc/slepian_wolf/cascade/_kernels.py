@@ -1,6 +1,6 @@
 """Compiled loops of reconciliation: beliefs passed between bits and ranges of known parity; no validation.
 
-Orders are numbered k, positions in an order j, bits n.
+Orders are numbered k, positions in an order j, bits n. Literal zeros and flags would be compiled by themselves.
 """
 
 from typing import NamedTuple
@@ -114,7 +114,7 @@ def propagate(beliefs, num_orders, stop, max_sweeps, share):
     for sweep in range(max_sweeps):
         quiet = True
         for k in range(num_orders):
-            start = 0
+            start = np.int64(0)
             while start < (stop if k + 1 == num_orders else num_bits):
                 end = last[k, start]
                 if pending[k, end] > share * expected[k, end] + _SMALL_CHANGE:
@@ -160,7 +160,7 @@ def couple(beliefs, num_orders, lattice, coupled, scale, least_change):
         place = coupled.places[n]
         if not coupled.marks[place]:
             continue
-        found = np.float32(llr_of(lattice, coupled.deviation, place // columns, place % columns, False))
+        found = np.float32(llr_of(lattice, coupled.deviation, place // columns, place % columns, np.bool_(False)))
         llr = min(max(found, -coupled.bound[0]), coupled.bound[0])
         if abs(llr - coupled.llr[n]) < least_change:
             continue
@@ -222,7 +222,7 @@ def _best_division(beliefs, order, start, end):
 def find_divisions(beliefs, num_orders, stop):
     """Find out again where to divide all stale ranges, but that of the last order that starts at `stop`."""
     for k in range(num_orders):
-        start = 0
+        start = np.int64(0)
         while start < (stop if k + 1 == num_orders else beliefs.prior.size):
             end = beliefs.last[k, start]
             if beliefs.stale[k, end]:
@@ -239,7 +239,7 @@ def choose_divisions(beliefs, order, stop, max_bias, positions):
     """
     last, bias = beliefs.last, beliefs.bias
     count, information = 0, 0.0
-    start = 0
+    start = np.int64(0)
     while start < stop:
         end = last[order, start]
         if bias[order, end] <= max_bias:
@@ -255,7 +255,7 @@ def least_bias(beliefs, num_orders, stop):
     """Return the least bias of any division, but not of the last order's range that starts at `stop`."""
     best = _NO_DIVISION
     for k in range(num_orders):
-        start = 0
+        start = np.int64(0)
         while start < (stop if k + 1 == num_orders else beliefs.prior.size):
             end = beliefs.last[k, start]
             best = min(best, beliefs.bias[k, end])
@@ -285,7 +285,7 @@ def num_unsatisfied(beliefs, num_orders):
     orders, last, odds = beliefs.orders, beliefs.last, beliefs.odds
     count = 0
     for k in range(num_orders):
-        parity, start = np.uint8(0), 0
+        parity, start = np.uint8(0), np.int64(0)
         for j in range(odds.size):
             parity ^= np.uint8(odds[orders[k, j]] > 1.0)
             if last[k, j] == j:
