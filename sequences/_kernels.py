@@ -291,7 +291,8 @@ def shade(
             t = ids[row, column]
             if t < 0:
                 sky(light, rays, column, row, rgb)
-                colour[row, column] = rgb
+                for k in range(3):
+                    colour[row, column, k] = rgb[k]
                 continue
             corners = surface.triangles[t]
             if t != last:
@@ -306,9 +307,11 @@ def shade(
             texture(materials, surface.materials[t], place, surface.tints[t], rgb)
             interpolate(surface.normals, corners, b, n)
             interpolate(surface.points, corners, b, point)
-            n /= max(np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]), 1e-9)
+            length = max(np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]), 1e-9)
+            for k in range(3):
+                n[k] /= length
+                point[k] += LIFT_M * n[k]
             sun = n[0] * light.to_sun[0] + n[1] * light.to_sun[1] + n[2] * light.to_sun[2]
-            point += LIFT_M * n
             sun = sun * sunlit(light, point[0], point[1], point[2]) if sun > 0.0 else 0.0
             clear = np.exp(-HAZE_PER_M / inverse_depth[row, column])
             for k in range(3):

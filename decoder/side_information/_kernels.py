@@ -93,9 +93,10 @@ def quarter_samples(padded, planes):
                 if phase & 1:
                     _mean(first, second, line[half])
                 else:
-                    line[half] = first
-            planes[phase, 0, y] = line[0, :width]
-            planes[phase, 2, y] = line[1, :width]
+                    for x in range(width + 1):
+                        line[half, x] = first[x]
+            for x in range(width):
+                planes[phase, 0, y, x], planes[phase, 2, y, x] = line[0, x], line[1, x]
             _mean(line[0], line[1], planes[phase, 1, y])
             _mean(line[1], line[0, 1:], planes[phase, 3, y])
 

@@ -327,7 +327,8 @@ def set_kinds(is_s, parents, labels, predictions, significance, splits, is_open,
             if not is_s:
                 expected += predictions[i, j]
                 surroundings = look_around_l(labels, parents, i, j, expected, around)
-                candidates[i, j] = around[CANDIDATES:]
+                for c in range(NUM_CANDIDATES):
+                    candidates[i, j, c] = around[CANDIDATES + c]
             else:
                 if i % 2 == 1:
                     expected = (np.int64(labels[i - 1, j]) + labels[i, j]) >> 1
