@@ -46,7 +46,7 @@ STAGES = {
     ),
     "planes: passing beliefs": ("dvc.slepian_wolf.cascade.posterior.RangePosterior.propagate",),
     "planes: neighbours": ("dvc.slepian_wolf.cascade.posterior.RangePosterior.couple",),
-    "planes: next question": ("dvc.slepian_wolf.cascade.reconciliation.PlaneReconciliation._worth_asking",),
+    "planes: next question": ("dvc.slepian_wolf.cascade.posterior.RangePosterior.batch",),
     "key frames": ("decoder.session._Tasks.add",),
 }
 REST = "all else"

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from benchmarks.stages import coded, decoded
 from dvc.config import CascadeConfig
 from dvc.slepian_wolf import CRC_BITS, NeighbourCoupling, ParityRequest, PlaneResult, crc, drive
-from dvc.slepian_wolf.cascade import cascade_coder, posterior, reconciliation
-from dvc.slepian_wolf.cascade.orders import NUM_ORDERS, bit_order
+from dvc.slepian_wolf.cascade import cascade_coder, posterior
+from dvc.slepian_wolf.cascade.posterior import NUM_ORDERS, bit_order
 from dvc.slepian_wolf.coupling import bounded_llr, ideal_bits
 
 CLIPS = ("box", "stone", "street", "tree", "cube", "desk")
@@ -78,7 +78,7 @@ def answering(bits: Bits) -> Callable[[ParityRequest], Bits]:
 def reconciled(runs: list[Run], settings: CascadeConfig) -> Iterator[tuple[Run, PlaneResult]]:
     """Decode runs, each by itself."""
     for run in runs:
-        steps = reconciliation.PlaneReconciliation(run.llr, settings, (0, 0), run.coupling)
+        steps = cascade_coder.PlaneReconciliation(run.llr, settings, (0, 0), run.coupling)
         beliefs = posterior.RangePosterior(run.bits.size, SEED)
         yield run, drive(steps.decode(beliefs), answering(run.bits))
 
@@ -116,7 +116,7 @@ def main() -> None:
     )
     for given in arguments.set:
         name, _, value = given.partition("=")
-        (owner,) = (module for module in (reconciliation, posterior) if name in vars(module))
+        (owner,) = (module for module in (cascade_coder, posterior) if name in vars(module))
         setattr(owner, name, type(getattr(owner, name))(value))
     for percent in arguments.percent:
         print(row(runs, percent), flush=True)

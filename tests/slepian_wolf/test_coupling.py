@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from dvc.config import CascadeConfig
 from dvc.contracts.test_plane_coders import Bits, PlaneSource
 from dvc.slepian_wolf import NeighbourCoupling, PlaneResult, drive
+from dvc.slepian_wolf.cascade.cascade_coder import PlaneReconciliation
 from dvc.slepian_wolf.cascade.posterior import RangePosterior
-from dvc.slepian_wolf.cascade.reconciliation import PlaneReconciliation
 from tests.coders import SEED, coder_of
 from tests.reference.wynerziv_priors import coupled_llr
 

@@ -15,7 +15,7 @@ from dvc.config import CODERS, CascadeConfig
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf import MAX_RUN_BITS, ParityRequest, Part, PlaneCoder, RequestTable, Run, crc
 from dvc.slepian_wolf.cascade.cascade_coder import CascadeCoder
-from dvc.slepian_wolf.cascade.orders import bit_order
+from dvc.slepian_wolf.cascade.posterior import bit_order
 from dvc.slepian_wolf.requests import FRAME, SLOT, Kind
 from dvc.slepian_wolf.turbo.turbo_encoder import CLASSICAL, encode_planes
 from dvc.wynerziv import _kernels, encoder_buffer

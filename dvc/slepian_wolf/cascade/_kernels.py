@@ -1,6 +1,7 @@
 """Compiled loops of reconciliation: beliefs passed between bits and ranges of known parity; no validation.
 
-Orders are numbered k, positions in an order j, bits n. Literal zeros and flags would be compiled by themselves.
+Orders are numbered k, positions in an order j, bits n.
+Numbers of literals would be compiled apart: `np.int64(0)`.
 """
 
 from typing import NamedTuple
@@ -160,7 +161,9 @@ def couple(beliefs, num_orders, lattice, coupled, scale, least_change):
         place = coupled.places[n]
         if not coupled.marks[place]:
             continue
-        found = np.float32(llr_of(lattice, coupled.deviation, place // columns, place % columns, np.bool_(False)))
+        found = np.float32(
+            llr_of(lattice, coupled.deviation, place // columns, place % columns, np.bool_(False))
+        )
         llr = min(max(found, -coupled.bound[0]), coupled.bound[0])
         if abs(llr - coupled.llr[n]) < least_change:
             continue
@@ -220,7 +223,8 @@ def _best_division(beliefs, order, start, end):
 
 @kernel
 def find_divisions(beliefs, num_orders, stop):
-    """Find out again where to divide all stale ranges, but that of the last order that starts at `stop`."""
+    """Update where to divide ranges, except the last order's from `stop` on; return the least bias."""
+    least = _NO_DIVISION
     for k in range(num_orders):
         start = np.int64(0)
         while start < (stop if k + 1 == num_orders else beliefs.prior.size):
@@ -229,7 +233,9 @@ def find_divisions(beliefs, num_orders, stop):
                 beliefs.stale[k, end] = 0
                 at, bias = _best_division(beliefs, k, start, end)
                 beliefs.division[k, end], beliefs.bias[k, end] = at, bias
+            least = min(least, beliefs.bias[k, end])
             start = end + 1
+    return least
 
 
 @kernel
@@ -248,19 +254,6 @@ def choose_divisions(beliefs, order, stop, max_bias, positions):
             information += 1.0 - bias[order, end] * bias[order, end]
         start = end + 1
     return count, information
-
-
-@kernel
-def least_bias(beliefs, num_orders, stop):
-    """Return the least bias of any division, but not of the last order's range that starts at `stop`."""
-    best = _NO_DIVISION
-    for k in range(num_orders):
-        start = np.int64(0)
-        while start < (stop if k + 1 == num_orders else beliefs.prior.size):
-            end = beliefs.last[k, start]
-            best = min(best, beliefs.bias[k, end])
-            start = end + 1
-    return best
 
 
 @kernel

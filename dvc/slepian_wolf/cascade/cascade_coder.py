@@ -1,24 +1,172 @@
-"""Cascade: each plane is decoded until it is likely right, then all of a frame are checked together.
+"""Cascade: decoding of bit planes by requests for parities of ranges, each as uncertain as possible; no I/O.
 
-Check bits that make sure of one plane cost more than a plane of low entropy itself.
+This is the interactive reconciliation of quantum key distribution (Cascade) with two changes: side
+information gives the probability that each bit is wrong, and beliefs combine all parities. Each plane is
+decoded until it is likely right, then all of a frame are checked together: check bits that make sure of one
+plane cost more than a plane of low entropy itself.
 """
 
+import math
 from collections.abc import Generator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvc.config import CascadeConfig
-from dvc.slepian_wolf.cascade.orders import NUM_ORDERS, prefix_parities
-from dvc.slepian_wolf.cascade.posterior import RangePosterior
-from dvc.slepian_wolf.cascade.reconciliation import PlaneReconciliation
+from dvc.slepian_wolf.cascade.posterior import (
+    NUM_ORDERS,
+    Positions,
+    Question,
+    RangePosterior,
+    prefix_parities,
+)
 from dvc.slepian_wolf.checks import CRC_BITS, crc, joint_check
-from dvc.slepian_wolf.coupling import NeighbourCoupling
+from dvc.slepian_wolf.coupling import NeighbourCoupling, bounded_llr, entropy_bits, ideal_bits
 from dvc.slepian_wolf.plane_protocol import FrameCheck, PlaneCoroutine, PlaneCost, PlaneResult, Words
-from dvc.slepian_wolf.requests import Bits, ParityRequest, ask
+from dvc.slepian_wolf.requests import Bits, Kind, ParityRequest, ask
 
+ERROR_EXPONENT = 8
+"""A plane is accepted by itself when the odds against it are below 2 to minus this."""
+UNCODED_ENTROPY = 0.95
+"""Entropy per bit above which a plane is requested uncoded."""
+WORTH_ASKING = 0.5
+"""Largest 2 |p - 1/2| of a requested answer while other answers of an order are as informative; this, the
+next one, `SWEEPS`, `CHANGE` and `posterior.MORE_BITS` were found by `benchmarks.searches.requests`."""
+RANGE_BIAS = 0.15
+"""The same for the initial ranges of an order."""
+UNSURE_ERRORS = 0.5
+"""Number of expected errors above which a check is pointless."""
+FIRST_PARTITION = 2
+"""Half the number of ranges of a new order after wrong beliefs; the number doubles each time."""
+SWEEPS, LAST_SWEEPS = 4, 40
+"""Sweeps of beliefs after an answer, and before decisions are checked."""
+CHANGE = 0.02
+"""Least change that is propagated, as a share of the errors expected in a range."""
+LEAST_PROBABILITY = 2.0**-60
 SEARCH_BITS = 6
 """Check bits of half of the planes that are asked for, to find one that is wrong."""
+
+
+class PlaneReconciliation:
+    """State of one plane while it is decoded, and for as long as it may turn out to be wrong."""
+
+    def __init__(
+        self,
+        llr_ch: NDArray[np.floating],
+        settings: CascadeConfig,
+        position: tuple[int, int] = (0, 0),
+        coupling: NeighbourCoupling | None = None,
+    ) -> None:
+        self._llr = bounded_llr(llr_ch)
+        self._batch = settings.batch_percent / 100, WORTH_ASKING, RANGE_BIAS
+        self._position = position
+        self._coupling = coupling
+        self._entropy_bits = entropy_bits(self._llr)
+        self._check = np.zeros(0, np.uint8)
+        self._answers: list[tuple[int, Positions, Bits]] = []
+        self._fetched: Bits | None = None
+        self._num_parity = self._num_requests = self._sweeps = self._restarts = 0
+
+    def decode(self, posterior: RangePosterior) -> PlaneCoroutine:
+        """Decode the plane as a coroutine: it yields requests and is sent the bits."""
+        if self._entropy_bits >= UNCODED_ENTROPY * self._llr.size:
+            return (yield from self._fetch())
+        posterior.start(self._llr, self._coupling)
+        return (yield from self._go_on(posterior, ERROR_EXPONENT))
+
+    def correct(self, posterior: RangePosterior) -> PlaneCoroutine:
+        """Decode the plane again, and let all check bits confirm it; nothing is asked for twice."""
+        posterior.start(self._llr, self._coupling)
+        for order, positions, bits in self._answers:
+            posterior.add_answers(order, positions, bits)
+        yield from self._request_check(CRC_BITS)
+        return (yield from self._go_on(posterior, CRC_BITS))
+
+    def _go_on(self, posterior: RangePosterior, exponent: int) -> PlaneCoroutine:
+        while True:
+            question = self._next_question(posterior)
+            if not question and (yield from self._accept(posterior, exponent)):
+                return self._result(posterior.decisions)
+            question = question or self._last_question(posterior)
+            size = sum(positions.size for _, positions in question)
+            if not question or self._num_parity + size > self._llr.size:
+                return (yield from self._fetch())
+            yield from self._ask(posterior, question)
+
+    def _next_question(self, posterior: RangePosterior) -> Question:
+        """Choose queries as long as answers are informative."""
+        self._sweeps += posterior.propagate(SWEEPS, CHANGE)
+        if posterior.num_orders and posterior.couple():
+            self._sweeps += posterior.propagate(SWEEPS, CHANGE)
+        question = posterior.batch(*self._batch)
+        if not question and posterior.num_orders and posterior.rescale():
+            self._sweeps += posterior.propagate(SWEEPS, CHANGE)
+            question = posterior.batch(*self._batch)
+        return question or posterior.new_order(RANGE_BIAS)
+
+    def _last_question(self, posterior: RangePosterior) -> Question:
+        """Choose what to ask where little can be learned, but the plane is not right yet."""
+        question = posterior.best_divisions() if posterior.expected_errors > UNSURE_ERRORS else []
+        if not question:
+            # Beliefs are wrong but sure, so that they cannot say where to ask.
+            self._restarts += 1
+            posterior.restart()
+            question = posterior.partition(min(FIRST_PARTITION << self._restarts, self._llr.size))
+        return question
+
+    def _accept(self, posterior: RangePosterior, exponent: int) -> Generator[ParityRequest, Bits, bool]:
+        """Return whether the decisions are right; request as many check bits as that takes."""
+        self._sweeps += posterior.propagate(LAST_SWEEPS, CHANGE)
+        if posterior.expected_errors > UNSURE_ERRORS or not posterior.is_satisfied():
+            return False
+        decisions = posterior.decisions
+        if not self._checks(decisions):
+            return False
+        mantissa, power = math.frexp(max(posterior.residual_errors(), LEAST_PROBABILITY))
+        wanted = exponent + power - (mantissa == 0.5)  # the logarithm of the errors left, rounded up
+        yield from self._request_check(min(wanted, CRC_BITS))
+        return self._checks(decisions)
+
+    def _checks(self, bits: Bits) -> bool:
+        return bool((crc(bits, CRC_BITS)[: self._check.size] == self._check).all())
+
+    def _request_check(self, wanted: int) -> Generator[ParityRequest, Bits, None]:
+        missing = wanted - self._check.size
+        if missing > 0:
+            new = yield from self._request("crc", 0, self._check.size, missing)
+            self._check = np.concatenate([self._check, new])
+
+    def _ask(self, posterior: RangePosterior, question: Question) -> Generator[ParityRequest, Bits, None]:
+        first = question[0][0]
+        behind = [(order - first) * self._llr.size + positions for order, positions in question]
+        wanted = tuple(np.concatenate(behind).tolist())
+        bits = yield from self._request("parity", first, self._num_parity, len(wanted), wanted)
+        self._num_parity += len(wanted)
+        start = 0
+        for order, positions in question:
+            self._answers.append((order, positions, bits[start : start + positions.size]))
+            posterior.add_answers(*self._answers[-1])
+            start += positions.size
+
+    def _fetch(self) -> PlaneCoroutine:
+        """Ask for the bits themselves, unless they have come before."""
+        if self._fetched is None:
+            self._fetched = yield from self._request("uncoded", 0, 0, self._llr.size)
+            self._num_parity += self._fetched.size
+        return self._result(self._fetched)
+
+    def _request(
+        self, kind: Kind, code: int, start: int, count: int, positions: tuple[int, ...] = ()
+    ) -> Generator[ParityRequest, Bits, Bits]:
+        self._num_requests += 1
+        return (yield from ask(ParityRequest(*self._position, kind, code, start, count, positions)))
+
+    def _result(self, bits: Bits) -> PlaneResult:
+        llr = self._llr
+        if self._coupling is not None:
+            llr = bounded_llr(self._coupling.llr_in_sequence(bits))
+        counts = self._num_requests, self._check.size, self._num_parity, self._sweeps
+        return PlaneResult(bits.copy(), *counts, self._entropy_bits, ideal_bits(llr, bits))
 
 
 class CascadeDecoder:
@@ -55,7 +203,7 @@ class CascadeDecoder:
             suspects.remove(number)
             posterior = RangePosterior(planes[number][1].bits.size, self._seed)
             corrected[number] = yield from planes[number][0].correct(posterior)
-            check.set_bits(number, corrected[number].bits)
+            check.checks[number] = crc(corrected[number].bits, CRC_BITS)
             if np.array_equal(corrected[number].bits, planes[number][1].bits):
                 search_bits = CRC_BITS  # a wrong plane must have passed for right
         return FrameCheck(corrected, check.num_requests, check.num_bits, success)
@@ -66,14 +214,11 @@ class _JointCheck:
 
     def __init__(self, frame: int, bits: dict[int, Bits]) -> None:
         self._frame = frame
-        self._checks = {plane: crc(own, CRC_BITS) for plane, own in bits.items()}
+        self.checks = {plane: crc(own, CRC_BITS) for plane, own in bits.items()}
         self._answers: dict[tuple[int, ...], Bits] = {}
         self._charged: dict[int, int] = {}  # bits that were asked for by the first of their planes
         self.num_requests = 0
         self.num_bits = 0
-
-    def set_bits(self, plane: int, bits: Bits) -> None:
-        self._checks[plane] = crc(bits, CRC_BITS)
 
     def holds(self, planes: list[int], count: int) -> Generator[ParityRequest, Bits, bool]:
         """Return whether the check of some planes is the encoder's; request it if it is unknown."""
@@ -87,7 +232,7 @@ class _JointCheck:
             self.num_requests += 1
             self.num_bits += count
         known = self._answers[key]
-        own = joint_check(np.stack([self._checks[plane] for plane in planes]))
+        own = joint_check(np.stack([self.checks[plane] for plane in planes]))
         return bool((own[: known.size] == known).all())
 
     def find(self, suspects: list[int], count: int) -> Generator[ParityRequest, Bits, int]:

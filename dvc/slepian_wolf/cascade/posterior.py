@@ -1,18 +1,23 @@
-"""Beliefs of the errors of a plane: prior odds, and parities of ranges in several orders."""
+"""Beliefs of the errors of a plane: prior odds, and parities of ranges in several pseudo-random orders."""
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvc.slepian_wolf import _kernels as shared_kernels
 from dvc.slepian_wolf.cascade import _kernels
-from dvc.slepian_wolf.cascade.orders import NUM_ORDERS, bit_order
+from dvc.slepian_wolf.checks import random_permutation
 from dvc.slepian_wolf.coupling import MAX_LLR, NeighbourCoupling
 
 Bits = NDArray[np.uint8]
 Positions = NDArray[np.int64]
+Question = list[tuple[int, Positions]]
+"""Orders that follow each other, with the positions that are asked for in each."""
 
+NUM_ORDERS = 8
+"""Orders of the bits that encoder and decoder share."""
 MAX_SCALE_CHANGE = 1.1
 """Least factor on the prior odds, learned from parities, that is used."""
 MORE_BITS = 32.0
@@ -23,6 +28,32 @@ MIN_COUPLED_CHANGE = 0.01
 """Least change of an LLR by its neighbours that is used: with 0.1 planes cost 0.3 % more."""
 SCALE_STRENGTH = 5.0
 """Errors that must be expected besides those of the plane, lest a few of them change the prior."""
+
+
+@lru_cache(maxsize=8 * NUM_ORDERS)
+def _order_of_power(number: int, exponent: int, seed: int) -> NDArray[np.uint32]:
+    """Return an order of a number of bits that is a power of two."""
+    first_seed = (seed + 1) << 8  # apart from those of the turbo codes' interleavers
+    order = random_permutation(first_seed + number, 1 << exponent).astype(np.uint32)
+    order.flags.writeable = False
+    return order
+
+
+def bit_order(number: int, num_bits: int, seed: int) -> NDArray[np.uint32]:
+    """Return an order of bits: that of the next power of two, without the bits that are too many."""
+    order = _order_of_power(number, (num_bits - 1).bit_length(), seed)
+    return order if order.size == num_bits else order[order < num_bits]
+
+
+def prefix_parities(
+    words: NDArray[np.uint64], order: int, seed: int, released: NDArray[np.uint64] | None = None
+) -> NDArray[np.uint64]:
+    """Add up the bits of up to 64 planes at once, modulo 2, one machine word per bit position."""
+    if released is None:
+        released = np.empty(words.size, np.uint64)
+    exponent = (words.size - 1).bit_length()
+    _kernels.prefix_parities(words, _order_of_power(order, exponent, seed), released)
+    return released
 
 
 class RangePosterior:
@@ -70,11 +101,6 @@ class RangePosterior:
     def odds(self) -> NDArray[np.float64]:
         """Odds that each bit differs from its first decision, by all that is known."""
         return self._beliefs.odds
-
-    @property
-    def orders_left(self) -> int:
-        """Number of orders without any answer."""
-        return len(self._orders) - self.num_orders
 
     @property
     def decisions(self) -> Bits:
@@ -172,16 +198,11 @@ class RangePosterior:
         self._beliefs.expected[: self.num_orders] = 0.0
         self._beliefs.stale[: self.num_orders] = 1
 
-    def divisions(self, max_bias: float) -> tuple[int, Positions] | None:
-        """Choose what to ask next of an order that is in use."""
-        found, _ = self._divisions(max_bias)
-        return found[0] if found else None
-
-    def _divisions(self, max_bias: float) -> tuple[list[tuple[int, Positions]], float]:
-        """Choose the divisions of the most informative order; return them with their information."""
-        self._find_divisions()
+    def divisions(self, max_bias: float) -> tuple[Question, float]:
+        """Choose the divisions of the most informative order in use; return them with their information."""
+        _kernels.find_divisions(self._beliefs, self.num_orders, self._laid_out)
         best: float = 0.0
-        chosen: list[tuple[int, Positions]] = []
+        chosen: Question = []
         for order in range(self.num_orders):
             stop = self._laid_out if order + 1 == self.num_orders else self.num_bits
             count, information = _kernels.choose_divisions(
@@ -191,45 +212,38 @@ class RangePosterior:
                 best, chosen = information, [(order, self._positions[:count].copy())]
         return chosen, best
 
-    def batch(self, share: float, max_bias: float, new_bias: float) -> list[tuple[int, Positions]]:
+    def batch(self, share: float, max_bias: float, new_bias: float) -> Question:
         """Choose the queries of the next round; none if no order in use is informative."""
-        found, information = self._divisions(max_bias)
+        found, information = self.divisions(max_bias)
         if not found:
             return []
         # If divisions give less than a share of the unknown bits, ranges of the next order are added up to
         # that share, at least as many as there are orders in use: more orders cost time.
         missing = round(share * (_kernels.uncertainty_bits(self.odds) + MORE_BITS) - information)
         if missing >= (self.num_orders if self._laid_out == self.num_bits else 1):
-            found += self._only_first(self.new_order(new_bias), missing)
-        return _joined(found)
+            for order, positions in self.new_order(new_bias):
+                if missing < positions.size:  # leave the rest of the order for later
+                    self._laid_after = int(positions[missing - 1]) + 1
+                found.append((order, positions[:missing]))
+        # The entries of each order come next to each other, in order.
+        orders = sorted({order for order, _ in found})
+        parts = [np.concatenate([own for order, own in found if order == number]) for number in orders]
+        return [(order, np.sort(own)) for order, own in zip(orders, parts, strict=True)]
 
-    def _only_first(self, question: tuple[int, Positions] | None, count: int) -> list[tuple[int, Positions]]:
-        """Leave the rest of an order for later."""
-        if question is None:
-            return []
-        order, positions = question
-        if count < positions.size:
-            self._laid_after = int(positions[count - 1]) + 1
-        return [(order, positions[:count])]
-
-    def best_divisions(self) -> tuple[int, Positions] | None:
+    def best_divisions(self) -> Question:
         """Choose queries if no answer is informative: all within a factor of two of the best."""
-        self._find_divisions()
-        bias = float(_kernels.least_bias(self._beliefs, self.num_orders, self._laid_out))
-        return None if bias >= CERTAIN else self.divisions(math.sqrt(0.5 + 0.5 * bias * bias))
+        bias = float(_kernels.find_divisions(self._beliefs, self.num_orders, self._laid_out))
+        return [] if bias >= CERTAIN else self.divisions(math.sqrt(0.5 + 0.5 * bias * bias))[0]
 
-    def _find_divisions(self) -> None:
-        _kernels.find_divisions(self._beliefs, self.num_orders, self._laid_out)
-
-    def new_order(self, max_bias: float) -> tuple[int, Positions] | None:
+    def new_order(self, max_bias: float) -> Question:
         """Choose queries from the rest of the last order, or from the next one."""
         self._laid_after = self.num_bits
         if self.num_orders and self._laid_out < self.num_bits:
             rest = self._lay_out(self.num_orders - 1, max_bias, self._laid_out)
-            if rest is not None:
+            if rest:
                 return rest
             self._laid_out = self.num_bits
-        return self._lay_out(self.num_orders, max_bias) if self.orders_left else None
+        return self._lay_out(self.num_orders, max_bias) if self.num_orders < NUM_ORDERS else []
 
     def _know_order(self, order: int) -> None:
         """Write down an order that is looked at for the first time."""
@@ -237,17 +251,17 @@ class RangePosterior:
             self._orders[order] = bit_order(order, self.num_bits, self._seed)
             self._orders_known = order + 1
 
-    def _lay_out(self, order: int, max_bias: float, start: int = 0) -> tuple[int, Positions] | None:
+    def _lay_out(self, order: int, max_bias: float, start: int = 0) -> Question:
         self._know_order(order)
         count = _kernels.lay_out(self._orders, order, start, self.odds, max_bias, self._positions)
         positions = self._positions[:count].copy()
         if order == 0 and not start:  # the parity of the plane is not known yet
             positions = np.append(positions, self.num_bits - 1)
-        return (order, positions) if positions.size else None
+        return [(order, positions)] if positions.size else []
 
-    def partition(self, num_ranges: int) -> tuple[int, Positions] | None:
+    def partition(self, num_ranges: int) -> Question:
         """Divide the next order, or once all are in use the last one, evenly, which shows any errors."""
-        order = min(self.num_orders, len(self._orders) - 1)
+        order = min(self.num_orders, NUM_ORDERS - 1)
         self._laid_out = self._laid_after = self.num_bits
         if order == self.num_orders:
             ends = np.arange(1, num_ranges + (order == 0)) * self.num_bits // num_ranges - 1
@@ -257,7 +271,7 @@ class RangePosterior:
         known = (self._beliefs.last[order] == np.arange(self.num_bits)) & (order < self.num_orders)
         positions = np.unique(ends[ends >= 0])
         positions = positions[~known[positions]].astype(np.int64)
-        return (order, positions) if positions.size else None
+        return [(order, positions)] if positions.size else []
 
     def is_satisfied(self) -> bool:
         """Return whether the decisions agree with all parities."""
@@ -271,10 +285,3 @@ class RangePosterior:
         by_key = np.argsort(self._keys, kind="stable")
         pairs = _kernels.pair_odds(by_key, self._keys, self._beliefs.prior, self.odds)
         return float(pairs) + self.expected_errors
-
-
-def _joined(question: list[tuple[int, Positions]]) -> list[tuple[int, Positions]]:
-    """Return a query with the entries of each order next to each other, in order."""
-    orders = sorted({order for order, _ in question})
-    parts = [np.concatenate([own for order, own in question if order == wanted]) for wanted in orders]
-    return [(order, np.sort(own)) for order, own in zip(orders, parts, strict=True)]

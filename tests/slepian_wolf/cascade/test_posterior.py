@@ -7,8 +7,7 @@ import pytest
 
 from dvc._jit import python_twin
 from dvc.slepian_wolf.cascade import _kernels, posterior
-from dvc.slepian_wolf.cascade.orders import NUM_ORDERS, bit_order, prefix_parities
-from dvc.slepian_wolf.cascade.posterior import RangePosterior
+from dvc.slepian_wolf.cascade.posterior import NUM_ORDERS, RangePosterior, bit_order, prefix_parities
 from dvc.slepian_wolf.coupling import NeighbourCoupling, bounded_llr
 from tests.reference.cascade_beliefs import Range, exact_odds, probability_odd
 
@@ -85,9 +84,7 @@ def test_division_is_the_fairest_one(seed: int) -> None:
     first = beliefs.decisions
     tell(beliefs, bits, 0, 8)
     beliefs.propagate(4, 0.0)
-    question = beliefs.divisions(1.0)
-    assert question is not None
-    order, (position,) = question
+    ((order, (position,)),) = beliefs.divisions(1.0)[0]
     known = ranges_of(bits, first, 0, 8)
     whole = bit_order(0, 9, SEED)
     biases = [abs(2 * probability_odd(prior, known, whole[: cut + 1]) - 1) for cut in range(8)]
@@ -100,9 +97,7 @@ def test_first_ranges_are_as_fair_as_asked() -> None:
     beliefs = RangePosterior(3000, SEED)
     llr = np.full(3000, 3.0, np.float32)
     beliefs.start(llr)
-    question = beliefs.new_order(0.2)
-    assert question is not None
-    order, positions = question
+    ((order, positions),) = beliefs.new_order(0.2)
     soft = np.tanh(1.5)
     expected = int(np.ceil(np.log(0.2) / np.log(soft)))
     assert order == 0
@@ -114,9 +109,8 @@ def test_what_is_missing_comes_from_the_next_order() -> None:
     """Where divisions tell less than is wanted, ranges of the next order are added, and later the rest."""
     beliefs, bits, _ = started(400, 3)
     assert not beliefs.batch(1.0, 0.36, 0.2)  # no order is in use
-    question = beliefs.new_order(0.2)
-    assert question is not None
-    tell(beliefs, bits, question[0], *question[1])
+    ((order, positions),) = beliefs.new_order(0.2)
+    tell(beliefs, bits, order, *positions)
     beliefs.propagate(10, 0.01)
     ((_, divisions),) = beliefs.batch(0.0, 0.36, 0.2)
     unknown = _kernels.uncertainty_bits(beliefs.odds) + posterior.MORE_BITS
@@ -128,12 +122,10 @@ def test_what_is_missing_comes_from_the_next_order() -> None:
     tell(beliefs, bits, first, *same)
     tell(beliefs, bits, second, *some)
     beliefs.propagate(10, 0.01)
-    following = beliefs.divisions(1.0)
-    assert following is None or following[0] == 0 or following[1].max() <= some[-1]
-    rest = beliefs.new_order(0.2)
-    assert rest is not None
-    assert rest[0] == 1
-    assert rest[1].min() > some[-1]
+    assert all(order == 0 or own.max() <= some[-1] for order, own in beliefs.divisions(1.0)[0])
+    ((order, rest),) = beliefs.new_order(0.2)
+    assert order == 1
+    assert rest.min() > some[-1]
 
 
 @pytest.mark.parametrize("probability", [0.5, 0.1, 0.01, 0.001])
@@ -230,11 +222,12 @@ def test_kernels_equal_their_twins(monkeypatch: pytest.MonkeyPatch, shape: tuple
         log: list[object] = []
         for _ in range(12):
             log.append((beliefs.propagate(3, 0.02), beliefs.couple()))
-            question = beliefs.divisions(0.4) or beliefs.new_order(0.3) or beliefs.best_divisions()
-            if question is None:
+            question = beliefs.divisions(0.4)[0] or beliefs.new_order(0.3) or beliefs.best_divisions()
+            if not question:
                 break
-            log.append((question[0], question[1].tolist()))
-            tell(beliefs, bits, question[0], *question[1].tolist())
+            ((order, positions),) = question
+            log.append((order, positions.tolist()))
+            tell(beliefs, bits, order, *positions.tolist())
             log.append(beliefs.rescale())
             log.append((beliefs.residual_errors(), beliefs.is_satisfied(), beliefs.odds.tolist()))
         return log
@@ -298,15 +291,14 @@ def test_orders_are_fetched_as_they_are_needed(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(posterior, "bit_order", counting)
     beliefs, bits, _ = started(300, 2)
     assert not fetched
-    question = beliefs.new_order(0.2)
-    assert question is not None
+    ((order, positions),) = beliefs.new_order(0.2)
     assert fetched == [0]
-    tell(beliefs, bits, question[0], *question[1].tolist())
+    tell(beliefs, bits, order, *positions.tolist())
     tell(beliefs, bits, 1, 149)
-    assert beliefs.new_order(0.2) is not None
+    assert beliefs.new_order(0.2)
     assert fetched == [0, 1, 2]
     beliefs.start(np.full(300, 3.0, np.float32))
-    assert beliefs.new_order(0.2) is not None
+    assert beliefs.new_order(0.2)
     assert fetched == [0, 1, 2]
 
 
