@@ -53,7 +53,8 @@ def _compiled(function: Function, inline: bool = False) -> Function:
     locators = _CONFIG.CACHE_LOCATOR_CLASSES
     _CONFIG.CACHE_LOCATOR_CLASSES = f"{__name__}.KernelCache"
     try:
-        decorator = numba.njit(
+        njit = cast(Any, numba.njit)  # kernels take less time to compile without what C would call
+        decorator = njit(
             cache=True, nogil=True, error_model="numpy", forceinline=inline, no_cfunc_wrapper=True
         )
         return cast(Function, decorator(function))

@@ -1,7 +1,9 @@
 """Slepian-Wolf coding of bit planes: turbo codes and Cascade; usable on its own."""
 
+from dvc.config import CascadeConfig, CodecConfig, TurboConfig
+from dvc.extensions import PLANE_CODERS, make
+from dvc.slepian_wolf.cascade.cascade_coder import CascadeCoder
 from dvc.slepian_wolf.checks import CRC_BITS, crc, crc_words, joint_check
-from dvc.slepian_wolf.coders import plane_coder
 from dvc.slepian_wolf.coupling import NeighbourCoupling
 from dvc.slepian_wolf.plane_protocol import FrameCheck, PlaneCoder, PlaneCost, PlaneDecoder, PlaneResult
 from dvc.slepian_wolf.requests import (
@@ -20,6 +22,7 @@ from dvc.slepian_wolf.requests import (
     drive,
     side_by_side,
 )
+from dvc.slepian_wolf.turbo.turbo_coder import TurboCoder
 
 __all__ = [
     "CRC_BITS",
@@ -48,3 +51,24 @@ __all__ = [
     "plane_coder",
     "side_by_side",
 ]
+
+
+def plane_coder(config: CodecConfig) -> PlaneCoder:
+    """Return the coder of planes of a configuration.
+
+    Parameters
+    ----------
+    config : CodecConfig
+        Its section `coder` holds the settings.
+
+    Returns
+    -------
+    PlaneCoder
+        The coder.
+    """
+    if isinstance(config.coder, CascadeConfig):
+        return CascadeCoder(config.coder, config.seed)
+    if isinstance(config.coder, TurboConfig):
+        return TurboCoder(config.seed)
+    coder: PlaneCoder = make(PLANE_CODERS, config.coder.name, config.seed)
+    return coder

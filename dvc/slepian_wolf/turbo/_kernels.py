@@ -193,16 +193,11 @@ def satisfies(decisions, bit_at_step, section_starts, next_state, output, parity
 
 
 @kernel
-def set_parity(cells, bits, allow0, allow1):
-    """Allow only the parity that is known, at some cells."""
-    for i in range(cells.size):
-        allow0[cells[i]] = np.float32(bits[i] == 0)
-        allow1[cells[i]] = np.float32(bits[i] == 1)
+def finish_pass(edges, opens, closes, llr_e):
+    """Turn the ratios of a BCJR pass into clipped extrinsic LLRs, in place, and hand on the edge metrics.
 
-
-@kernel
-def exchange_edges(edges, opens, closes):
-    """Hand the metrics at the ends of lanes to their neighbours; sections start in state 0, end anywhere."""
+    The metrics at the ends of lanes are for their neighbours; sections start in state 0, end anywhere.
+    """
     num_states = edges.shape[1] // NUM_LANES
     for s in range(num_states):
         row = s * NUM_LANES
@@ -215,12 +210,6 @@ def exchange_edges(edges, opens, closes):
                 edges[0, row + w] = _ONE if s == 0 else _ZERO
             if closes[w]:
                 edges[1, row + w] = _ONE
-
-
-@kernel
-def finish_pass(edges, opens, closes, llr_e):
-    """Turn the ratios of a BCJR pass into clipped extrinsic LLRs, in place, and hand on the edge metrics."""
-    exchange_edges(edges, opens, closes)
     log_clipped(llr_e, MAX_EXTRINSIC)
 
 

@@ -25,11 +25,6 @@ class Trellis:
     input_mask: int
     parity_mask: int
 
-    @property
-    def num_states(self) -> int:
-        """Number of states S, a power of two."""
-        return len(self.next_state)
-
 
 def memory(feedback: int, feedforward: int) -> int:
     """Return the register length of an RSC code and refuse polynomials that make none."""

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dvc.bits import spread_order
 from dvc.slepian_wolf import crc, crc_words
 from dvc.slepian_wolf.checks import random_keys, random_permutation
 from dvc.slepian_wolf.turbo.turbo_encoder import (
@@ -15,7 +16,6 @@ from dvc.slepian_wolf.turbo.turbo_encoder import (
     interleaved,
     memory,
     release_order,
-    spread_order,
     step,
     trellis,
 )
@@ -159,8 +159,8 @@ def test_tables_encode_as_polynomials_divide(polynomials: tuple[int, int]) -> No
 def test_transitions_pair_up(polynomials: tuple[int, int]) -> None:
     """States k and k + S/2 lead to 2k and 2k + 1, and the masks name the transitions to the even one."""
     table = trellis(*polynomials)
-    half = table.num_states // 2
-    for state in range(table.num_states):
+    half = len(table.next_state) // 2
+    for state in range(2 * half):
         bit = table.input_mask >> state & 1
         assert table.next_state[state, bit] == 2 * (state % half)
         assert table.next_state[state, 1 - bit] == 2 * (state % half) + 1
