@@ -15,7 +15,7 @@ from dvc.errors import ConfigError
 from dvc.keyframes import KeyPicture
 from dvc.wynerziv.hierarchy import reference_distances
 from dvc.wynerziv.payloads import EncodedFrame
-from dvc.wynerziv.quantizer import LENGTH_CODE_BITS, length_code, length_of_code
+from dvc.wynerziv.quantizer import LENGTH_CODE_BITS, LENGTHS, length_code
 from encoder.groups import Group
 from encoder.leaky_bucket import (
     OCTAVES_PER_STEP,
@@ -238,6 +238,6 @@ def _limit_codes(allowed: Sequence[float]) -> Iterator[bytes]:
     for bits in allowed:
         unused += bits
         code = length_code(unused)
-        code -= length_of_code(code) > unused
-        unused -= length_of_code(code)
+        code -= LENGTHS[code] > unused
+        unused -= LENGTHS[code]
         yield code.to_bytes(LENGTH_CODE_BITS // 8)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dvc._jit import inlined_kernel, kernel
+from dvc._jit import kernel
 from dvc.entropy.binarisation import NUM_EXPONENTS, code_exp_golomb
 from dvc.entropy.mixing import code_adaptive
 from dvc.entropy.range_coder import FAILED
@@ -18,65 +18,6 @@ BIN_CONTEXTS = 2 + 2 * NUM_EXPONENTS  # contexts of a difference: zero, sign, ex
 AREA_CONTEXTS = 8
 SURROUNDINGS = 3  # classes of the differences of adjacent bins, and of those of earlier bands
 _HALVINGS = 5  # 32 probabilities above the share of outliers have a product that is a normal number
-
-
-@inlined_kernel
-def transform_four(a, b, c, d):
-    """Transform four numbers: one side of the 4x4 integer transform, not scaled."""
-    outer, inner, outer_odd, inner_odd = a + d, b + c, a - d, b - c
-    return outer + inner, 2 * outer_odd + inner_odd, outer - inner, outer_odd - 2 * inner_odd
-
-
-@kernel
-def transform_lines(first, second, third, fourth):
-    """Do what `transform_four` does to four lines, in place; int16, which holds samples and sums of them."""
-    for n in range(first.size):
-        a, b, c, d = first[n], second[n], third[n], fourth[n]
-        outer, outer_odd = np.int16(a + d), np.int16(a - d)
-        inner, inner_odd = np.int16(b + c), np.int16(b - c)
-        first[n], second[n] = outer + inner, np.int16(outer_odd + outer_odd) + inner_odd
-        third[n], fourth[n] = outer - inner, outer_odd - np.int16(inner_odd + inner_odd)
-
-
-@kernel
-def transform_samples(quads, order, core, extremes):
-    """4x4 integer transform, not scaled, to int16 `core` (16, N), with the `extremes` (16, 2) of bands."""
-    columns = quads.shape[1]
-    for y in range(quads.shape[0]):
-        line, start = quads[y], y // 4 * columns
-        first, second = core[order[y % 4, 0]][start:], core[order[y % 4, 1]][start:]
-        third, fourth = core[order[y % 4, 2]][start:], core[order[y % 4, 3]][start:]
-        for x in range(columns):
-            quad = line[x]
-            first[x], second[x] = quad & np.uint32(255), (quad >> np.uint32(8)) & np.uint32(255)
-            third[x], fourth[x] = (quad >> np.uint32(16)) & np.uint32(255), quad >> np.uint32(24)
-    for x in range(4):
-        transform_lines(core[order[0, x]], core[order[1, x]], core[order[2, x]], core[order[3, x]])
-    for y in range(4):
-        transform_lines(core[order[y, 0]], core[order[y, 1]], core[order[y, 2]], core[order[y, 3]])
-        for x in range(4):
-            line = core[order[y, x]]
-            least = greatest = line[0]
-            for n in range(line.size):
-                least, greatest = min(least, line[n]), max(greatest, line[n])
-            extremes[order[y, x], 0], extremes[order[y, x], 1] = least, greatest
-
-
-@kernel
-def transform_blocks(samples, scale, order, bands):
-    """4x4 transform of float64; `scale` and `order` (band of each coefficient): (4, 4)."""
-    columns = samples.shape[1] // 4
-    half = np.empty((4, 4), samples.dtype)
-    for block in range(bands.shape[1]):
-        y0, x0 = 4 * (block // columns), 4 * (block % columns)
-        for x in range(4):
-            a, b = samples[y0, x0 + x], samples[y0 + 1, x0 + x]
-            c, d = samples[y0 + 2, x0 + x], samples[y0 + 3, x0 + x]
-            half[0, x], half[1, x], half[2, x], half[3, x] = transform_four(a, b, c, d)
-        for y in range(4):
-            a, b, c, d = transform_four(half[y, 0], half[y, 1], half[y, 2], half[y, 3])
-            bands[order[y, 0], block], bands[order[y, 1], block] = a * scale[y, 0], b * scale[y, 1]
-            bands[order[y, 2], block], bands[order[y, 3], block] = c * scale[y, 2], d * scale[y, 3]
 
 
 @kernel
@@ -448,55 +389,3 @@ def _write_levels(moments, bits, saved):
         for k in range(1 << (d - 1)):
             for m in range(3):
                 moments[k, m] = moments[2 * k, m] + moments[2 * k + 1, m]
-
-
-@kernel
-def _accumulate(inputs, offset, is_zero, weights, gradient, curvature):
-    """Add gradient and curvature of the code length of bits with LLRs ``offset + weights @ inputs``."""
-    count = weights.size
-    for n in range(offset.size):
-        llr = offset[n]
-        for k in range(count):
-            llr += weights[k] * inputs[k, n]
-        power, q = exponential(-abs(llr))
-        odds = power + power * q
-        unlikely = odds / (1.0 + odds)
-        error = (unlikely if llr < 0.0 else 1.0 - unlikely) - is_zero[n]
-        spread = unlikely * (1.0 - unlikely)
-        for k in range(count):
-            gradient[k] += error * inputs[k, n]
-            for m in range(k + 1):
-                curvature[k, m] += spread * inputs[k, n] * inputs[m, n]
-
-
-@kernel
-def _solve_positive(matrix, vector):
-    """Solve for the vector in place, by elimination; a positive definite matrix, lost."""
-    size = vector.size
-    for k in range(size):
-        for i in range(k + 1, size):
-            factor = matrix[i, k] / matrix[k, k]
-            for m in range(k, size):
-                matrix[i, m] -= factor * matrix[k, m]
-            vector[i] -= factor * vector[k]
-    for k in range(size - 1, -1, -1):
-        for m in range(k + 1, size):
-            vector[k] -= matrix[k, m] * vector[m]
-        vector[k] /= matrix[k, k]
-
-
-@kernel
-def fit_logistic(inputs, offset, is_zero, least, most, steps, weights, precision):
-    """Update weights (K,) and their precision (K, K) by bits."""
-    before, count = weights.copy(), weights.size
-    known = precision.copy()
-    for _ in range(steps):
-        gradient, curvature = np.zeros(count), np.zeros((count, count))
-        _accumulate(inputs, offset, is_zero, weights, gradient, curvature)
-        for k in range(count):
-            for m in range(count):
-                precision[k, m] = known[k, m] + curvature[max(k, m), min(k, m)]
-                gradient[k] += known[k, m] * (weights[m] - before[m])
-        _solve_positive(precision.copy(), gradient)
-        for k in range(count):
-            weights[k] = min(max(weights[k] - gradient[k], least[k]), most[k])

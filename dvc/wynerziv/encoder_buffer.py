@@ -152,13 +152,11 @@ class EncoderBuffer:
         """Return the parity of a run by the first codes, one after the other."""
         size, known = run.bits.size, run.parity.size // max(run.bits.size, 1)
         if known < num_codes:
-            found = [run.parity, *(self._encoded(run.bits, code) for code in range(known, num_codes))]
-            run.parity = np.concatenate(found)
+            parts, parity = [run.parity], np.empty_like(run.bits)
+            for code in range(known, num_codes):
+                self._coder.encode(code, run.bits, parity)
+                parts.append(parity.astype(np.uint8))
+            run.parity = np.concatenate(parts)
             self._num_bytes += size * (num_codes - known)
             self._make_room(run)
         return run.parity
-
-    def _encoded(self, bits: Words, code: int) -> Bits:
-        parity = np.empty_like(bits)
-        self._coder.encode(code, bits, parity)
-        return parity.astype(np.uint8)

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from dvc.wynerziv import _kernels
 from dvc.wynerziv.quantizer import power_of_two
 
 Array = NDArray[np.float64]
@@ -91,19 +92,8 @@ def shaped(scale: Array, texture: Array, expected_error: Array | None) -> Array:
     return bounded
 
 
-def interval_probability(lower: Array, upper: Array, side_information: Array, scale: Array) -> Array:
-    """Return the probability that a coefficient lies in an interval, exact also far out in the tails."""
-    from dvc.wynerziv import _kernels
-
-    probability = np.empty_like(lower)
-    _kernels.interval_probability(lower, upper, side_information, scale, probability)
-    return probability
-
-
 def bit_llr(lower: Array, middle: Array, upper: Array, side_information: Array, scale: Array) -> Array:
     """Return log P(0) / P(1) of the next bit, which is 1 if x lies above `middle`."""
-    from dvc.wynerziv import _kernels
-
     llr = np.empty_like(lower)
     _kernels.bit_llr(lower, middle, upper, side_information, scale, OUTLIER_PROBABILITY, llr)
     return llr
@@ -113,8 +103,6 @@ def fit_gain(
     lower: Array, upper: Array, side_information: Array, scale: Array, expected: float, strength: float = 40.0
 ) -> float:
     """Fit one factor on the scales to the intervals decoded so far, by maximum a-posteriori likelihood."""
-    from dvc.wynerziv import _kernels
-
     scores = np.empty(GAINS.size)
     _kernels.log_likelihoods(
         lower, upper, side_information, scale, GAINS, GAINS_PER_OCTAVE, OUTLIER_PROBABILITY, scores
@@ -126,16 +114,9 @@ def fit_gain(
 
 def conditional_mean(lower: Array, upper: Array, side_information: Array, scale: Array) -> Array:
     """Return E[x | lower <= x < upper, y] under a Laplacian about y."""
-    from dvc.wynerziv import _kernels
-
     mean = np.empty_like(lower)
-    _kernels.conditional_mean(
-        lower.reshape(-1),
-        upper.reshape(-1),
-        side_information.reshape(-1),
-        scale.reshape(-1),
-        mean.reshape(-1),
-    )
+    flat = (array.reshape(-1) for array in (lower, upper, side_information, scale, mean))
+    _kernels.conditional_mean(*flat)
     return mean
 
 
@@ -160,8 +141,6 @@ def expected_refinement(
     depth: int,
 ) -> Refinement:
     """Return the expected cost and savings of the next planes of coefficients of a band."""
-    from dvc.wynerziv import _kernels
-
     found = Refinement(np.zeros((depth, prefix.size)), np.zeros((depth, prefix.size)))
     _kernels.refinement(
         prefix, missing_planes, edges, side_information, scale, REFINEMENT_OUTLIER_PROBABILITY, *found

@@ -36,7 +36,7 @@ def _quantize_over_range(
     step = quantizer.DC_RANGE / (1 << planes[0])
     _kernels.pack_uniform(core[:1], scale, step, np.zeros(1), np.array(planes, np.int64), words)
     for band, index in indices.items():
-        step, first = quantizer.step_from_index(index), quantization.first_plane[band]
+        step, first = quantizer.STEPS[index], quantization.first_plane[band]
         _kernels.pack_dead_zone(core[band], scale[band], step, planes[band], first, words)
     return quantization, words
 
@@ -68,7 +68,7 @@ class EncodedFrame:
             scaled = extremes * transform.BAND_SCALE[:, None]
             return cls(layout, *_quantize_over_range(layout, core, scaled))
         step_index = quantizer.index_of_step(step)
-        step = quantizer.step_from_index(step_index)
+        step = quantizer.STEPS[step_index]
         planes = quantizer.embedded_planes(extremes, step)
         quantization = quantizer.quantization_of_step(step_index, tuple(planes.tolist()))
         words = np.zeros((quantization.num_words, layout.num_bits), np.uint64)
@@ -119,15 +119,14 @@ class PuncturedFrame:
 
     def answer(self, requests: Round) -> list[Bits]:
         """Return the next bits for each request."""
-        return [self._next(request.count) for request in requests]
-
-    def _next(self, count: int) -> Bits:
-        stop = self._position + count
-        if stop > self._bits.size:
-            raise disagreement(f"a Wyner-Ziv frame has {self._bits.size} bits, {stop} are needed")
-        bits = self._bits[self._position : stop]
-        self._position = stop
-        return bits
+        answers = []
+        for request in requests:
+            start, self._position = self._position, self._position + request.count
+            if self._position > self._bits.size:
+                needed = f"{self._position} are needed"
+                raise disagreement(f"a Wyner-Ziv frame has {self._bits.size} bits, {needed}")
+            answers.append(self._bits[start : self._position])
+        return answers
 
 
 class PunctureRecorder:

@@ -7,6 +7,7 @@ is decoded, errors of the neighbours in the same plane add information; their we
 from complete planes. Both are logistic regressions. Their weights start from those of usual frames, found by
 `benchmarks.searches.priors`, and follow the decoded bits.
 """
+# mypy: allow-untyped-defs, no-check-untyped-defs
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,9 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from dvc._jit import kernel
 from dvc.config import ZIGZAG
 from dvc.slepian_wolf import NeighbourCoupling
 from dvc.wynerziv import noise
+from dvc.wynerziv._kernels import exponential
 
 Array = NDArray[np.float64]
 Bits = NDArray[np.uint8]
@@ -54,9 +57,8 @@ class _Weights:
     precision: Array
 
     @classmethod
-    def of(cls, *values: float, least: tuple[float, ...], most: tuple[float, ...]) -> "_Weights":
-        precision = PRECISION * np.eye(len(values))
-        return cls(np.array(values), np.array(least), np.array(most), precision)
+    def of(cls, values: tuple[float, ...], least: tuple[float, ...], most: tuple[float, ...]) -> "_Weights":
+        return cls(np.array(values), np.array(least), np.array(most), PRECISION * np.eye(len(values)))
 
     @classmethod
     def mean(cls, several: Sequence["_Weights"]) -> "_Weights":
@@ -67,24 +69,24 @@ class _Weights:
         return cls(values / len(several), several[0].least, several[0].most, precision / len(several))
 
     def learn(self, inputs: Array, offset: Array, bits: Bits) -> None:
-        from dvc.wynerziv import _kernels
-
         self.precision *= MEMORY
-        is_zero = 1.0 - bits
-        _kernels.fit_logistic(
-            inputs, offset, is_zero, self.least, self.most, STEPS, self.values, self.precision
-        )
+        bounds = self.least, self.most
+        _fit_logistic(inputs, offset, 1.0 - bits, *bounds, STEPS, self.values, self.precision)
 
 
-def _alone(*values: float) -> _Weights:
-    """Weights of the terms of `_Laplacian.terms`."""
-    least, most = (0.3, -4.0, -2.0, -1.0, -2.0), (2.5, 2.5, 3.0, 1.5, 2.0)
-    return _Weights.of(*values, least=(*least, *5 * (-3.0,)), most=(*most, *5 * (3.0,)))
-
-
-def _coupled(*values: float) -> _Weights:
-    """Weights of neighbours along and across the edges of a band's pattern, and of their excess energy."""
-    return _Weights.of(*values, least=(-0.2, -0.5, -0.1), most=(0.8, 0.8, 0.3))
+WEIGHTS = (
+    (0.8, 0.58, -0.11, 0.0, -0.02, 0.24, 0.98, 0.03, -0.22, 0.55),
+    (0.77, 0.08, 0.35, 0.0, 0.3, -0.28, 0.61, 0.06, -0.5, -0.63),
+    (1.07, 0.2, -0.13, 0.13, 0.18, 0.54, 0.25, -0.02, -0.07, -0.3),
+    (1.1, -0.17, -0.12, -0.01, -0.27, 0.23, 0.33, 0.11, -0.14, -0.38),
+    (1.07, 0.37, -0.16, 0.08, -0.17, 0.3, -0.05, 0.46, -0.2, -0.35),
+)
+"""Weights of the terms of an LLR in usual frames, by class of planes."""
+LEAST_WEIGHTS = 0.3, -4.0, -2.0, -1.0, -2.0, *5 * (-3.0,)
+MOST_WEIGHTS = 2.5, 2.5, 3.0, 1.5, 2.0, *5 * (3.0,)
+COUPLINGS = (0.33, 0.0, 0.05), (0.33, 0.0, 0.05), (0.25, 0.0, 0.02), (0.22, 0.03, 0.03), (0.25, 0.05, 0.04)
+"""Weights of neighbours along and across the edges of a band's pattern, and of their excess energy."""
+LEAST_COUPLING, MOST_COUPLING = (-0.2, -0.5, -0.1), (0.8, 0.8, 0.3)
 
 
 @dataclass(frozen=True)
@@ -148,31 +150,15 @@ class LearnedPriors:
 
     def __init__(self, shape: tuple[int, int]) -> None:
         self._shape = shape
-        self._alone = [
-            _alone(0.8, 0.58, -0.11, 0.0, -0.02, 0.24, 0.98, 0.03, -0.22, 0.55),
-            _alone(0.77, 0.08, 0.35, 0.0, 0.3, -0.28, 0.61, 0.06, -0.5, -0.63),
-            _alone(1.07, 0.2, -0.13, 0.13, 0.18, 0.54, 0.25, -0.02, -0.07, -0.3),
-            _alone(1.1, -0.17, -0.12, -0.01, -0.27, 0.23, 0.33, 0.11, -0.14, -0.38),
-            _alone(1.07, 0.37, -0.16, 0.08, -0.17, 0.3, -0.05, 0.46, -0.2, -0.35),
-        ]
-        self._coupled = [
-            _coupled(0.33, 0.0, 0.05),
-            _coupled(0.33, 0.0, 0.05),
-            _coupled(0.25, 0.0, 0.02),
-            _coupled(0.22, 0.03, 0.03),
-            _coupled(0.25, 0.05, 0.04),
-        ]
+        self._alone = [_Weights.of(values, LEAST_WEIGHTS, MOST_WEIGHTS) for values in WEIGHTS]
+        self._coupled = [_Weights.of(values, LEAST_COUPLING, MOST_COUPLING) for values in COUPLINGS]
 
     @classmethod
     def mean(cls, several: Sequence["LearnedPriors"]) -> "LearnedPriors":
         """Return the mean of priors that were learned in parallel."""
         together = cls(several[0]._shape)
-        together._alone = [
-            _Weights.mean(weights) for weights in zip(*(p._alone for p in several), strict=True)
-        ]
-        together._coupled = [
-            _Weights.mean(weights) for weights in zip(*(p._coupled for p in several), strict=True)
-        ]
+        together._alone = list(map(_Weights.mean, zip(*(p._alone for p in several), strict=True)))
+        together._coupled = list(map(_Weights.mean, zip(*(p._coupled for p in several), strict=True)))
         return together
 
     def plane(
@@ -276,3 +262,48 @@ def _coupled_inputs(prior: PlanePrior, bits: Bits) -> Array:
         coupling.widening * np.clip(spread, -MAX_SPREAD, MAX_SPREAD),
     )
     return _bounded(np.stack(terms).reshape(3, -1).take(coupling.places, 1))
+
+
+@kernel
+def _solve_positive(matrix, vector):
+    """Solve for the vector in place, by elimination; a positive definite matrix, lost."""
+    size = vector.size
+    for k in range(size):
+        for i in range(k + 1, size):
+            factor = matrix[i, k] / matrix[k, k]
+            for m in range(k, size):
+                matrix[i, m] -= factor * matrix[k, m]
+            vector[i] -= factor * vector[k]
+    for k in range(size - 1, -1, -1):
+        for m in range(k + 1, size):
+            vector[k] -= matrix[k, m] * vector[m]
+        vector[k] /= matrix[k, k]
+
+
+@kernel
+def _fit_logistic(inputs, offset, is_zero, least, most, steps, weights, precision):
+    """Update weights (K,) and their precision (K, K) by bits with LLRs ``offset + weights @ inputs``."""
+    before, count = weights.copy(), weights.size
+    known = precision.copy()
+    for _ in range(steps):
+        gradient, curvature = np.zeros(count), np.zeros((count, count))
+        for n in range(offset.size):
+            llr = offset[n]
+            for k in range(count):
+                llr += weights[k] * inputs[k, n]
+            power, q = exponential(-abs(llr))
+            odds = power + power * q
+            unlikely = odds / (1.0 + odds)
+            error = (unlikely if llr < 0.0 else 1.0 - unlikely) - is_zero[n]
+            spread = unlikely * (1.0 - unlikely)
+            for k in range(count):
+                gradient[k] += error * inputs[k, n]
+                for m in range(k + 1):
+                    curvature[k, m] += spread * inputs[k, n] * inputs[m, n]
+        for k in range(count):
+            for m in range(count):
+                precision[k, m] = known[k, m] + curvature[max(k, m), min(k, m)]
+                gradient[k] += known[k, m] * (weights[m] - before[m])
+        _solve_positive(precision.copy(), gradient)
+        for k in range(count):
+            weights[k] = min(max(weights[k] - gradient[k], least[k]), most[k])

@@ -18,7 +18,7 @@ payload starts with its header.
 import math
 from bisect import bisect_left
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, lru_cache
+from functools import cached_property, lru_cache
 from itertools import accumulate, pairwise
 
 import numpy as np
@@ -32,28 +32,17 @@ from dvc.slepian_wolf import CRC_BITS
 from dvc.wynerziv import _kernels, transform
 
 LENGTH_CODE_BITS = 8
-_LENGTHS_PER_OCTAVE = 16
-
-
-def length_of_code(code: int) -> int:
-    """Return the length of a code; inverse of `length_code`."""
-    if code == 0:
-        return 0
-    octave, step = divmod(code - 1, _LENGTHS_PER_OCTAVE)
-    return (_LENGTHS_PER_OCTAVE + step) << octave
-
-
-@cache
-def lengths() -> tuple[int, ...]:
-    """Return the lengths of all codes."""
-    return tuple(map(length_of_code, range(1 << LENGTH_CODE_BITS)))
+_PER_OCTAVE = 16
+LENGTHS = (
+    0,
+    *(_PER_OCTAVE + n % _PER_OCTAVE << n // _PER_OCTAVE for n in range((1 << LENGTH_CODE_BITS) - 1)),
+)
+"""Lengths of all codes of limits, in bits."""
 
 
 def length_code(num_bits: float) -> int:
     """Return the code of the least length that is not below one, at most the longest."""
-    if num_bits <= 0:
-        return 0
-    return bisect_left(lengths(), num_bits, 1, (1 << LENGTH_CODE_BITS) - 1)
+    return bisect_left(LENGTHS, num_bits, 1, len(LENGTHS) - 1) if num_bits > 0 else 0
 
 
 DC_RANGE = 1024.0
@@ -77,17 +66,13 @@ def power_of_two(sixths: int) -> float:
     return math.ldexp(_SIXTHS[rest], octave)
 
 
-_STEPS = [power_of_two(index) for index in range(1 << STEP_INDEX_BITS)]
-
-
-def step_from_index(index: int) -> float:
-    """Return the step of an index; inverse of `index_of_step`."""
-    return _STEPS[index]
+STEPS = [power_of_two(index) for index in range(1 << STEP_INDEX_BITS)]
+"""Steps by their indices."""
 
 
 def index_of_step(step: float) -> int:
     """Return the index of the least step that is not below one."""
-    return min(bisect_left(_STEPS, step * (1.0 - _TOLERANCE)), len(_STEPS) - 1)
+    return min(bisect_left(STEPS, step * (1.0 - _TOLERANCE)), len(STEPS) - 1)
 
 
 def step_index(coefficients: NDArray[np.float64], levels: int) -> int:
@@ -119,7 +104,6 @@ def embedded_edges(band: int, planes: int, step: float) -> NDArray[np.float64]:
 _ORIGINS = np.array(
     [[embedded_origin(band, planes) for planes in range(MAX_BAND_PLANES + 1)] for band in range(NUM_BANDS)]
 )
-_FIRST_ORIGIN = np.arange(NUM_BANDS) * (MAX_BAND_PLANES + 1)
 
 
 def embedded_planes(extremes: NDArray[np.int16], step: float) -> NDArray[np.int64]:
@@ -131,7 +115,7 @@ def embedded_planes(extremes: NDArray[np.int16], step: float) -> NDArray[np.int6
 
 def embedded_origins(planes: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return `embedded_origin` of all bands."""
-    return _ORIGINS.take(_FIRST_ORIGIN + planes)
+    return _ORIGINS[np.arange(NUM_BANDS), planes]
 
 
 def prefix_borders(
@@ -148,11 +132,10 @@ def prefix_borders(
 class Quantization:
     """Quantisers of the bands of one frame, as its header specifies them."""
 
-    embedded: (
-        bool  # whether bins are embedded; else their number is given and they share the range of the band
-    )
+    # whether bins are embedded; else their number is given and they share the range of the band
+    embedded: bool
     planes: tuple[int, ...]  # bit planes of the 16 bands, in zigzag order; 0 for one that is not sent
-    # index for `step_from_index` by band; DC has none where its range is given
+    # index in `STEPS` by band; DC has none where its range is given
     step_indices: dict[int, int]
     header: bytes  # all of this, as a frame's payload starts with it
     told_bits: int | None = None  # bits that a group may request because of this frame; None: no limit
@@ -180,7 +163,7 @@ class Quantization:
     def step(self, band: int) -> float | None:
         """Return the width of a band's bins."""
         index = self.step_indices.get(band)
-        return None if index is None else step_from_index(index)
+        return None if index is None else STEPS[index]
 
     def zero_bin(self, band: int) -> int:
         """Return the number of the bin of a band that zero is in."""
@@ -254,37 +237,27 @@ class FrameLayout:
             if self.embedded:
                 index = reader.read_number(STEP_INDEX_BITS)
                 quantization = quantization_of_step(index, _read_planes(reader))
-                return _with_limit(quantization, data) if self.limited else quantization
+                size = len(quantization.header) + 1
+                if not self.limited:
+                    return quantization
+                if len(data) < size:
+                    raise BitstreamError("the header does not state the limit of requests")
+                return replace(quantization, header=data[:size], told_bits=LENGTHS[data[size - 1]])
             bands = self._stepped_bands
             return self.over_range({band: reader.read_number(STEP_INDEX_BITS) for band in bands})
         except BitstreamError as err:
             raise BitstreamError(f"header of a Wyner-Ziv frame of {len(data)} bytes: {err}") from err
 
 
-def _with_limit(quantization: Quantization, data: bytes) -> Quantization:
-    """Read how much may be asked for, behind all else of a header."""
-    size = len(quantization.header) + 1
-    if len(data) < size:
-        raise BitstreamError("the header does not state the limit of requests")
-    return replace(quantization, header=data[:size], told_bits=length_of_code(data[size - 1]))
-
-
 def _step_digits(index: int) -> str:
     return f"{index:0{STEP_INDEX_BITS}b}"
 
 
-def _unary_digits(difference: int) -> str:
-    zeros = 2 * difference if difference > 0 else -2 * difference - (difference < 0)
-    return "0" * zeros + "1"
-
-
-_UNARY_DIGITS = {n: _unary_digits(n) for n in range(-MAX_BAND_PLANES, MAX_BAND_PLANES + 1)}
-
-
 def _plane_digits(planes: tuple[int, ...]) -> str:
     """Spell numbers of planes, each as its difference to that of the band before in unary."""
-    differences = [_UNARY_DIGITS[count - before] for before, count in pairwise(planes)]
-    return f"{planes[0]:0{_PLANE_COUNT_BITS}b}" + "".join(differences)
+    differences = [count - before for before, count in pairwise(planes)]
+    unary = ["0" * (2 * n if n > 0 else -2 * n - (n < 0)) + "1" for n in differences]
+    return f"{planes[0]:0{_PLANE_COUNT_BITS}b}" + "".join(unary)
 
 
 def _read_planes(reader: BitReader) -> tuple[int, ...]:

@@ -8,14 +8,15 @@ References
 ----------
 [Malvar2003] H. Malvar et al., "Low-complexity transform and quantization in H.264/AVC", 2003.
 """
+# mypy: allow-untyped-defs, no-check-untyped-defs
 
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc._jit import inlined_kernel, kernel
 from dvc.config import ZIGZAG
-from dvc.wynerziv import _kernels
 
 Samples = NDArray[Any]
 """Integers or floats."""
@@ -55,7 +56,7 @@ def integer_core(luma: NDArray[np.uint8]) -> tuple[NDArray[np.int16], NDArray[np
         quads = quads.copy()  # compiled code is that for arrays which are both
     core = np.empty((NUM_BANDS, rows * columns), np.int16)
     extremes = np.empty((NUM_BANDS, 2), np.int16)
-    _kernels.transform_samples(quads, ORDER, core, extremes)
+    _transform_samples(quads, ORDER, core, extremes)
     return core, extremes
 
 
@@ -64,7 +65,7 @@ def forward(luma: Samples) -> NDArray[np.float64]:
     padded = pad_to_blocks(luma)
     shape = band_shape(*padded.shape)
     bands = np.empty((NUM_BANDS, shape[0] * shape[1]))
-    _kernels.transform_blocks(np.ascontiguousarray(padded, np.float64), SCALE, ORDER, bands)
+    _transform_blocks(np.ascontiguousarray(padded, np.float64), SCALE, ORDER, bands)
     return bands.reshape(NUM_BANDS, *shape)
 
 
@@ -94,3 +95,62 @@ def _inverse_butterfly(
 def to_uint8(samples: NDArray[np.float64]) -> NDArray[np.uint8]:
     """Round to the nearest of [0, 255]."""
     return np.clip(np.floor(samples + 0.5), 0, 255).astype(np.uint8)
+
+
+@inlined_kernel
+def _transform_four(a, b, c, d):
+    """Transform four numbers: one side of the 4x4 integer transform, not scaled."""
+    outer, inner, outer_odd, inner_odd = a + d, b + c, a - d, b - c
+    return outer + inner, 2 * outer_odd + inner_odd, outer - inner, outer_odd - 2 * inner_odd
+
+
+@kernel
+def _transform_lines(first, second, third, fourth):
+    """Do what `_transform_four` does to four lines, in place; int16, which holds samples and sums of them."""
+    for n in range(first.size):
+        a, b, c, d = first[n], second[n], third[n], fourth[n]
+        outer, outer_odd = np.int16(a + d), np.int16(a - d)
+        inner, inner_odd = np.int16(b + c), np.int16(b - c)
+        first[n], second[n] = outer + inner, np.int16(outer_odd + outer_odd) + inner_odd
+        third[n], fourth[n] = outer - inner, outer_odd - np.int16(inner_odd + inner_odd)
+
+
+@kernel
+def _transform_samples(quads, order, core, extremes):
+    """4x4 integer transform, not scaled, to int16 `core` (16, N), with the `extremes` (16, 2) of bands."""
+    columns = quads.shape[1]
+    for y in range(quads.shape[0]):
+        line, start = quads[y], y // 4 * columns
+        first, second = core[order[y % 4, 0]][start:], core[order[y % 4, 1]][start:]
+        third, fourth = core[order[y % 4, 2]][start:], core[order[y % 4, 3]][start:]
+        for x in range(columns):
+            quad = line[x]
+            first[x], second[x] = quad & np.uint32(255), (quad >> np.uint32(8)) & np.uint32(255)
+            third[x], fourth[x] = (quad >> np.uint32(16)) & np.uint32(255), quad >> np.uint32(24)
+    for x in range(4):
+        _transform_lines(core[order[0, x]], core[order[1, x]], core[order[2, x]], core[order[3, x]])
+    for y in range(4):
+        _transform_lines(core[order[y, 0]], core[order[y, 1]], core[order[y, 2]], core[order[y, 3]])
+        for x in range(4):
+            line = core[order[y, x]]
+            least = greatest = line[0]
+            for n in range(line.size):
+                least, greatest = min(least, line[n]), max(greatest, line[n])
+            extremes[order[y, x], 0], extremes[order[y, x], 1] = least, greatest
+
+
+@kernel
+def _transform_blocks(samples, scale, order, bands):
+    """4x4 transform of float64; `scale` and `order` (band of each coefficient): (4, 4)."""
+    columns = samples.shape[1] // 4
+    half = np.empty((4, 4), samples.dtype)
+    for block in range(bands.shape[1]):
+        y0, x0 = 4 * (block // columns), 4 * (block % columns)
+        for x in range(4):
+            a, b = samples[y0, x0 + x], samples[y0 + 1, x0 + x]
+            c, d = samples[y0 + 2, x0 + x], samples[y0 + 3, x0 + x]
+            half[0, x], half[1, x], half[2, x], half[3, x] = _transform_four(a, b, c, d)
+        for y in range(4):
+            a, b, c, d = _transform_four(half[y, 0], half[y, 1], half[y, 2], half[y, 3])
+            bands[order[y, 0], block], bands[order[y, 1], block] = a * scale[y, 0], b * scale[y, 1]
+            bands[order[y, 2], block], bands[order[y, 3], block] = c * scale[y, 2], d * scale[y, 3]

@@ -38,7 +38,7 @@ def test_transform() -> None:
     tally, core, extremes = Tally(), np.zeros_like(CORE), np.zeros_like(EXTREMES)
     quads = LUMA.view("<u4")
     found = counted(
-        wyner_ziv_kernels.transform_samples,
+        transform._transform_samples,
         tally,
         Data(quads, tally),
         transform.ORDER,

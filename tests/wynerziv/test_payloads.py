@@ -47,7 +47,7 @@ def random_luma(layout: FrameLayout, seed: int) -> np.ndarray:
 
 
 def encoded_frame(layout: FrameLayout, seed: int, step_index: int = 16) -> EncodedFrame:
-    return EncodedFrame.of(layout, random_luma(layout, seed), quantizer.step_from_index(step_index))
+    return EncodedFrame.of(layout, random_luma(layout, seed), quantizer.STEPS[step_index])
 
 
 def uncoded_planes(frame: EncodedFrame) -> np.ndarray:
@@ -125,7 +125,7 @@ def hard_frames() -> list[np.ndarray]:
 @pytest.mark.parametrize("step_index", range(0, 64, 9))
 def test_embedded_bins_are_those_of_the_formula(step_index: int) -> None:
     """From the finest step on, planes and bins of the largest and smallest coefficients are exact."""
-    layout, step = layout_of(9, 14, None), quantizer.step_from_index(step_index)
+    layout, step = layout_of(9, 14, None), quantizer.STEPS[step_index]
     most = 0
     for luma in hard_frames():
         bands = transform.forward(luma).reshape(16, -1)
@@ -163,7 +163,7 @@ def test_frames_take_about_the_entropy_of_their_bands(flat_rows: int, share: flo
     luma = moving_texture(1, 96, 160)[0].luma
     luma[:flat_rows] = 128
     layout = layout_of(*luma.shape, None)
-    frame = EncodedFrame.of(layout, luma, quantizer.step_from_index(18))
+    frame = EncodedFrame.of(layout, luma, quantizer.STEPS[18])
     quantization = frame.quantization
     planes, entropy_bits = uncoded_planes(frame), 0.0
     for band in quantization.bands:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter
 
-from dvc.wynerziv import _kernels, noise
+from dvc.wynerziv import noise
 from dvc.wynerziv import priors as priors_module
 from dvc.wynerziv.priors import LearnedPriors, PlanePrior
 from tests.reference.wynerziv_priors import coupled_llr, newton
@@ -42,7 +42,7 @@ def test_newton_steps_as_in_the_plain_way() -> None:
     for most in (9.0, 1.1):
         weights, found = start.copy(), precision.copy()
         limits = np.full(3, -9.0), np.full(3, most)
-        _kernels.fit_logistic(inputs, offset, is_zero, *limits, 2, weights, found)
+        priors_module._fit_logistic(inputs, offset, is_zero, *limits, 2, weights, found)
         if most == 9.0:
             np.testing.assert_allclose(weights, wanted, rtol=1e-9)
             np.testing.assert_allclose(found, hessian, rtol=1e-9)

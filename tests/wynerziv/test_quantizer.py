@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from dvc._jit import python_twin
 from dvc.wynerziv import _kernels, quantizer, transform
 from dvc.wynerziv.noise import GAINS, GAINS_PER_OCTAVE
-from dvc.wynerziv.quantizer import length_code, length_of_code, lengths
+from dvc.wynerziv.quantizer import LENGTHS, length_code
 from tests.reference import wynerziv_planes as reference
 
 levels_strategy = st.sampled_from([2, 4, 8, 16, 32, 64, 128, 256])
@@ -36,10 +36,10 @@ def test_step_holds_every_coefficient(levels: int, values: list[float]) -> None:
     coefficients = np.array(values, dtype=np.float64)
     index = quantizer.step_index(coefficients, levels)
     assert 0 <= index < 2**quantizer.STEP_INDEX_BITS
-    reach = quantizer.step_from_index(index) * levels / 2
+    reach = quantizer.STEPS[index] * levels / 2
     largest = np.abs(coefficients).max(initial=0.0)
     assert largest <= reach * (1 + 1e-9)
-    smaller = quantizer.step_from_index(index - 1) * (levels - 1) / 2
+    smaller = quantizer.STEPS[index - 1] * (levels - 1) / 2
     assert index == 0 or largest > smaller * (1 - 1e-6)
 
 
@@ -47,7 +47,7 @@ def test_step_holds_every_coefficient(levels: int, values: list[float]) -> None:
 def test_embedded_bins_hold_every_coefficient(band: int, index: int, values: list[int]) -> None:
     """As few planes as hold all values; DC is never negative."""
     core = np.abs(values) if band == 0 else np.array(values)
-    step, coefficients = quantizer.step_from_index(index), core * transform.BAND_SCALE[band]
+    step, coefficients = quantizer.STEPS[index], core * transform.BAND_SCALE[band]
     extremes = np.zeros((16, 2), np.int16)
     extremes[band] = core.min(), core.max()
     planes = int(quantizer.embedded_planes(extremes, step)[band])
@@ -141,7 +141,7 @@ def test_powers_of_two_are_the_nearest_numbers() -> None:
 def test_every_step_has_its_index() -> None:
     """Roundings on the way to a step do not lead to the next one."""
     for index in range(64):
-        step = quantizer.step_from_index(index)
+        step = quantizer.STEPS[index]
         assert quantizer.index_of_step(step) == quantizer.index_of_step(step * (1 + 1e-12)) == index
         assert quantizer.index_of_step(step * (1 - 1e-12)) == index
         assert quantizer.index_of_step(1.001 * step) == min(index + 1, 63)
@@ -161,10 +161,10 @@ def test_gains_are_the_same_with_every_c_library() -> None:
 
 def test_lengths_are_told_on_a_fine_scale() -> None:
     """Every code is longer than the one before, by 1/16 or 16 bits at most."""
-    assert lengths()[:3] == (0, 16, 17)
-    assert all(0 < after - before <= max(before / 16, 16) for before, after in pairwise(lengths()))
+    assert LENGTHS[:3] == (0, 16, 17)
+    assert all(0 < after - before <= max(before / 16, 16) for before, after in pairwise(LENGTHS))
     for bits in (1, 16, 17, 100.5, 4095, 4097, 100_000):
         code = length_code(bits)
-        assert length_of_code(code - 1) < bits <= length_of_code(code)
+        assert LENGTHS[code - 1] < bits <= LENGTHS[code]
     assert length_code(0) == 0
     assert length_code(1e12) == 255

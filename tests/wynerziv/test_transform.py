@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc._jit import python_twin
-from dvc.wynerziv import _kernels, transform
+from dvc.wynerziv import transform
 from tests.reference import wynerziv_transform as reference
 
 
@@ -99,7 +99,7 @@ def test_core_kernel_equals_matrix_products(twin: bool) -> None:
     """Compiled and as Python, the kernel gives the core, and the extremes of each band, up to the largest."""
     luma = np.vstack([largest_blocks(), random_luma(8, 128)])
     core, extremes = np.empty((16, 96), np.int16), np.empty((16, 2), np.int16)
-    run = python_twin(_kernels.transform_samples) if twin else _kernels.transform_samples
+    run = python_twin(transform._transform_samples) if twin else transform._transform_samples
     rank = np.array(reference.ZIGZAG_RANK)
     run(luma.view("<u4"), rank, core, extremes)
     blocks = luma.reshape(3, 4, 32, 4).transpose(0, 2, 1, 3).reshape(96, 4, 4).astype(int)
@@ -117,7 +117,7 @@ def test_kernel_equals_matrix_products(twin: bool) -> None:
     """Compiled and as Python, the kernel gives the bands."""
     luma = random_luma(12, 20).astype(np.float64)
     bands = np.empty((16, 15))
-    run = python_twin(_kernels.transform_blocks) if twin else _kernels.transform_blocks
+    run = python_twin(transform._transform_blocks) if twin else transform._transform_blocks
     run(luma, transform.SCALE, np.array(reference.ZIGZAG_RANK), bands)
     np.testing.assert_allclose(bands.reshape(16, 3, 5), reference.forward(luma), atol=1e-9)
 
