@@ -37,7 +37,7 @@ def count_planes(extremes, scale, origins, step, planes):
 def pack_uniform(core, scale, step, origins, num_planes, words):
     """Quantise bands (B, N) from `origins` steps below zero up: plane p is bit 63 - p % 64 of row p // 64."""
     numbers = np.empty(core.shape[1], np.int32)
-    first_plane = 0
+    first_plane = np.int64(0)
     for band in range(core.shape[0]):
         line, unit, origin = core[band], np.float32(scale[band] / step), np.float32(origins[band])
         last = np.int32((1 << num_planes[band]) - 1)

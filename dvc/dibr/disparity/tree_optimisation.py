@@ -323,8 +323,11 @@ def pass_up(
                 flat_s(flat, predictions, m, n, ZERO_LABEL, below)
                 if splits and columns_s(values, predictions, level, m, n, work) == 2:
                     cost = level.coefficients[level.coefficient_kind[2 * m, 2 * n + 1]]
-                    floor = work[0].min() + work[1].min()
-                    combine_s(work[0], work[1], predictions[2 * m, 2 * n + 1], cost, floor, full)
+                    least, other = work[0, 0], work[1, 0]
+                    for d in range(labels):
+                        least, other = min(least, work[0, d]), min(other, work[1, d])
+                    high = predictions[2 * m, 2 * n + 1]
+                    combine_s(work[0], work[1], high, cost, least + other, full)
                 elif splits:
                     for d in range(labels):
                         full[d] = work[0, d]
