@@ -74,31 +74,14 @@ class RangeCoder:
 
     @classmethod
     def reader(cls, data: bytes) -> Self:
-        """Return a coder that reads.
-
-        Parameters
-        ----------
-        data : bytes
-            What `to_bytes` returned, or any other.
-        """
+        """Return a coder that reads what `to_bytes` returned, or any bytes."""
         padded = data + bytes(max(8 - len(data), -len(data) % 4))
         words = np.frombuffer(padded, ">u4").astype(np.uint32)
         point = int(words[0]) << 32 | int(words[1])
         return cls(CoderState(np.array([point, _MAX, 2, 1, 0], np.uint64), words))
 
     def room_for(self, num_symbols: int) -> CoderState:
-        """Return what compiled functions code with.
-
-        Parameters
-        ----------
-        num_symbols : int
-            Most decisions and numbers that they are going to code.
-
-        Returns
-        -------
-        CoderState
-            The state, for that many symbols.
-        """
+        """Return the state for compiled functions that code at most this number of symbols."""
         fields, words = self._state
         position = int(fields[POSITION])
         if not fields[READING] and position + num_symbols > words.size:
@@ -108,32 +91,14 @@ class RangeCoder:
         return self._state
 
     def uniform(self, bound: int, value: int = 0) -> int:
-        """Code a number with equally probable values.
-
-        Parameters
-        ----------
-        bound : int
-            At least 1, where nothing is coded, at most `MAX_BOUND`.
-        value : int, optional
-            The number, from 0 to ``bound - 1``; of no meaning when reading.
-
-        Returns
-        -------
-        int
-            The number.
-
-        Raises
-        ------
-        BitstreamError
-            If the data cannot have been written.
-        """
+        """Code a number below a bound as `code_uniform` does; `BitstreamError` if the data are damaged."""
         value = int(code_uniform(self.room_for(1), bound, value))
         self.check()
         return value
 
     @staticmethod
     def _shortest(low: int, width: int, num_bytes: int) -> bytes:
-        """The number with the most trailing zeros inside the interval, for any continuation."""
+        """Return the number with the most trailing zeros inside the interval, for any continuation."""
         for zeros in range(64, -1, -8):
             inside = low + 2**zeros - 1 >> zeros << zeros
             if inside < low + width:
@@ -141,29 +106,12 @@ class RangeCoder:
         raise AssertionError("the interval holds its beginning")
 
     def check(self) -> None:
-        """Return whether the data read can have been written.
-
-        Raises
-        ------
-        BitstreamError
-            If it cannot.
-        """
+        """Raise `BitstreamError` if the data read cannot have been written."""
         if self._state.fields[FAILED]:
             raise BitstreamError("the range-coded data are damaged")
 
     def check_end(self, data: bytes) -> None:
-        """Return whether the data read are the shortest that encode the sequence, as `to_bytes` writes them.
-
-        Parameters
-        ----------
-        data : bytes
-            What the reader was made of.
-
-        Raises
-        ------
-        BitstreamError
-            If they are not, or cannot have been written.
-        """
+        """Raise `BitstreamError` unless the data read are the shortest ones, as `to_bytes` writes them."""
         self.check()
         above, width, position, reading, _ = (int(field) for field in self._state.fields)
         assert reading, "written data are complete"
@@ -172,18 +120,7 @@ class RangeCoder:
             raise BitstreamError("the range-coded data do not end as they are written")
 
     def to_bytes(self, shortest: bool = False) -> bytes:
-        """Return the written data.
-
-        Parameters
-        ----------
-        shortest : bool, optional
-            End with as few bytes as encode the sequence; else with a whole word, as `constriction` does.
-
-        Returns
-        -------
-        bytes
-            At least one; zeros at the end are left out.
-        """
+        """Return the written data without zeros at the end: the shortest ones, or those of `constriction`."""
         low, width, position, reading, failed = (int(field) for field in self._state.fields)
         assert not reading, "a reader has no data to return"
         assert not failed, "more was written than there was room for"

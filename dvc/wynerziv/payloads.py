@@ -22,25 +22,6 @@ Words = NDArray[np.uint64]
 Result = TypeVar("Result")
 
 
-def _quantize_over_range(
-    layout: FrameLayout, core: NDArray[np.int16], extremes: NDArray[np.float64]
-) -> tuple[Quantization, Words]:
-    planes, scale = layout.max_planes, transform.BAND_SCALE
-    indices = {
-        band: quantizer.step_index(extremes[band], 1 << count)
-        for band, count in enumerate(planes)
-        if count and band
-    }
-    quantization = layout.over_range(indices)
-    words = np.zeros((quantization.num_words, layout.num_bits), np.uint64)
-    step = quantizer.DC_RANGE / (1 << planes[0])
-    _kernels.pack_uniform(core[:1], scale, step, np.zeros(1), np.array(planes, np.int64), words)
-    for band, index in indices.items():
-        step, first = quantizer.STEPS[index], quantization.first_plane[band]
-        _kernels.pack_dead_zone(core[band], scale[band], step, planes[band], first, words)
-    return quantization, words
-
-
 def _code_bins(coder: RangeCoder, layout: FrameLayout, quantization: Quantization, words: Words) -> None:
     """Code the bins of a frame from the words of its planes, or decode them into zeroed words."""
     counts = context_counts(np.full(_kernels.SURROUNDINGS**2 * _kernels.BIN_CONTEXTS, 50))
@@ -64,16 +45,28 @@ class EncodedFrame:
     def of(cls, layout: FrameLayout, luma: NDArray[np.uint8], step: float = 1.0) -> Self:
         """Transform and quantise a frame; all planes of a coefficient position share a word."""
         core, extremes = transform.integer_core(luma)
-        if not layout.embedded:
-            scaled = extremes * transform.BAND_SCALE[:, None]
-            return cls(layout, *_quantize_over_range(layout, core, scaled))
-        step_index = quantizer.index_of_step(step)
-        step = quantizer.STEPS[step_index]
-        planes = quantizer.embedded_planes(extremes, step)
-        quantization = quantizer.quantization_of_step(step_index, tuple(planes.tolist()))
+        scale = transform.BAND_SCALE
+        if layout.embedded:
+            step_index = quantizer.index_of_step(step)
+            step = quantizer.STEPS[step_index]
+            planes = quantizer.embedded_planes(extremes, step)
+            quantization = quantizer.quantization_of_step(step_index, tuple(planes.tolist()))
+            words = np.zeros((quantization.num_words, layout.num_bits), np.uint64)
+            _kernels.pack_uniform(core, scale, step, quantizer.embedded_origins(planes), planes, words)
+            return cls(layout, quantization, words)
+        counts, ends = layout.max_planes, extremes * scale[:, None]
+        indices = {
+            band: quantizer.step_index(ends[band], 1 << count)
+            for band, count in enumerate(counts)
+            if count and band
+        }
+        quantization = layout.over_range(indices)
         words = np.zeros((quantization.num_words, layout.num_bits), np.uint64)
-        origins = quantizer.embedded_origins(planes)
-        _kernels.pack_uniform(core, transform.BAND_SCALE, step, origins, planes, words)
+        step = quantizer.DC_RANGE / (1 << counts[0])
+        _kernels.pack_uniform(core[:1], scale, step, np.zeros(1), np.array(counts, np.int64), words)
+        for band, index in indices.items():
+            step, first = quantizer.STEPS[index], quantization.first_plane[band]
+            _kernels.pack_dead_zone(core[band], scale[band], step, counts[band], first, words)
         return cls(layout, quantization, words)
 
     @property

@@ -99,52 +99,6 @@ class PlanePrior:
     inputs: Array  # terms of the LLR; shape (terms, N)
 
 
-@dataclass(frozen=True)
-class _Laplacian:
-    """LLRs of a plane by the noise model only."""
-
-    llr: Array
-    slope: Array  # derivative of LLRs with respect to the prediction
-    widening: Array  # and where scales grow
-    error: Array  # expected of the prediction, by the planes before
-
-    @classmethod
-    def of(cls, borders: tuple[Array, Array, Array], predicted: Array, scale: Array) -> "_Laplacian":
-        def llr(predicted: Array, scale: Array) -> Array:
-            return _bounded(noise.bit_llr(*borders, predicted, scale))
-
-        return cls(
-            llr(predicted, scale),
-            (llr(predicted + SHIFT * scale, scale) - llr(predicted - SHIFT * scale, scale))
-            / (2.0 * SHIFT * scale),
-            llr(predicted, scale * WIDENING) - llr(predicted, scale / WIDENING),
-            noise.conditional_mean(borders[0], borders[2], predicted, scale) - predicted,
-        )
-
-    def terms(self, predicted: Array, scale: Array, ramp: Array) -> Array:
-        """Return the terms of the LLR, one a row."""
-        error, scales = self.error.reshape(ramp.shape), scale.reshape(ramp.shape)
-        wide = uniform_filter(np.stack([error, np.abs(error)]), (1, WIDE, WIDE), mode="nearest")
-        shift, spread = wide.reshape(2, -1)
-        around = uniform_filter(scales, 3, mode="nearest").ravel()
-        return _bounded(
-            np.stack(
-                [
-                    self.llr,
-                    self.llr / (1.0 + np.abs(self.llr)),
-                    self.slope * _neighbours(error).ravel(),
-                    self.slope * ramp.ravel(),
-                    self.slope * np.clip(shift, -MAX_SHIFT * scale, MAX_SHIFT * scale),
-                    self.widening,
-                    self.widening * _excess(spread / scale + LEAST_ERROR),
-                    self.widening * _excess(np.abs(predicted) + LEAST_MAGNITUDE),
-                    self.widening * _excess(scale),
-                    self.widening * (2.0 * (around - scale) / (around + scale)),
-                ]
-            )
-        )
-
-
 class LearnedPriors:
     """Priors of the planes of a group of pictures, one after the other as they are decoded."""
 
@@ -174,10 +128,38 @@ class LearnedPriors:
         band, number = position[0], _class_of(*position)
         lower, middle, upper = borders
         shape = self._shape
-        laplacian = _Laplacian.of(borders, side_information, scale)
+
+        def llr_by(predicted: Array, scale: Array) -> Array:
+            return _bounded(noise.bit_llr(*borders, predicted, scale))
+
+        # LLRs by the noise model only, their slope by predictions, and their change if scales grow.
+        llr, shift = llr_by(side_information, scale), SHIFT * scale
+        slope = (llr_by(side_information + shift, scale) - llr_by(side_information - shift, scale)) / (
+            2.0 * shift
+        )
+        widening = llr_by(side_information, scale * WIDENING) - llr_by(side_information, scale / WIDENING)
+        # The expected errors of predictions, by the planes before, and of those around them.
+        error = noise.conditional_mean(lower, upper, side_information, scale) - side_information
+        error, scales = error.reshape(shape), scale.reshape(shape)
+        wide = uniform_filter(np.stack([error, np.abs(error)]), (1, WIDE, WIDE), mode="nearest")
+        shift, spread = wide.reshape(2, -1)
+        around = uniform_filter(scales, 3, mode="nearest").ravel()
+        neighbours = (9.0 * uniform_filter(error, 3, mode="nearest") - error) / 8.0  # mean of all eight
         ramp = np.zeros(shape) if dc_error is None else _ramp(dc_error, band)
-        inputs = laplacian.terms(side_information, scale, ramp)
-        corrected = np.zeros_like(laplacian.llr)
+        terms = (
+            llr,
+            llr / (1.0 + np.abs(llr)),
+            slope * neighbours.ravel(),
+            slope * ramp.ravel(),
+            slope * np.clip(shift, -MAX_SHIFT * scale, MAX_SHIFT * scale),
+            widening,
+            widening * _excess(spread / scale + LEAST_ERROR),
+            widening * _excess(np.abs(side_information) + LEAST_MAGNITUDE),
+            widening * _excess(scale),
+            widening * (2.0 * (around - scale) / (around + scale)),
+        )
+        inputs = _bounded(np.stack(terms))
+        corrected = np.zeros_like(llr)
         for weight, term in zip(self._alone[number].values, inputs, strict=True):
             corrected += weight * term
         jump = noise.conditional_mean(middle, upper, side_information, scale)
@@ -188,9 +170,9 @@ class LearnedPriors:
         coupling = NeighbourCoupling(
             corrected.reshape(shape),
             jump.reshape(shape),
-            laplacian.slope.reshape(shape),
+            slope.reshape(shape),
             ((jump / scale) ** 2).reshape(shape),
-            laplacian.widening.reshape(shape),
+            widening.reshape(shape),
             np.tile([along if horizontal else across, along if vertical else across, spread], (shape[0], 1)),
             blocks,
         )
@@ -226,12 +208,6 @@ def _orientation(band: int) -> tuple[bool, bool]:
     """Return whether neighbours above and below, and at the sides, lie along the edges of a band."""
     vertical, horizontal = divmod(ZIGZAG[band], 4)
     return horizontal >= vertical, vertical >= horizontal
-
-
-def _neighbours(plane: Array) -> Array:
-    """Return the mean of the eight neighbours."""
-    mean: Array = (9.0 * uniform_filter(plane, 3, mode="nearest") - plane) / 8.0
-    return mean
 
 
 def _ramp(dc_error: Array, band: int) -> Array:

@@ -222,13 +222,9 @@ class FrameLayout:
         return self.band_shape[0] * self.band_shape[1]
 
     def over_range(self, step_indices: dict[int, int]) -> Quantization:
-        """Return quantisers that share the ranges of their bands."""
-        header = pack_digits("".join(_step_digits(step_indices[band]) for band in self._stepped_bands))
+        """Return quantisers that share the ranges of their bands; indices of steps by band, in order."""
+        header = pack_digits("".join(map(_step_digits, step_indices.values())))
         return Quantization(False, self.max_planes, step_indices, header)
-
-    @property
-    def _stepped_bands(self) -> tuple[int, ...]:
-        return tuple(band for band, planes in enumerate(self.max_planes) if planes and band > 0)
 
     def read_header(self, data: bytes) -> Quantization:
         """Read the quantisers of a frame from its header."""
@@ -243,7 +239,7 @@ class FrameLayout:
                 if len(data) < size:
                     raise BitstreamError("the header does not state the limit of requests")
                 return replace(quantization, header=data[:size], told_bits=LENGTHS[data[size - 1]])
-            bands = self._stepped_bands
+            bands = [band for band, planes in enumerate(self.max_planes) if planes and band > 0]
             return self.over_range({band: reader.read_number(STEP_INDEX_BITS) for band in bands})
         except BitstreamError as err:
             raise BitstreamError(f"header of a Wyner-Ziv frame of {len(data)} bytes: {err}") from err
