@@ -25,7 +25,7 @@ from dvc.config import (
 )
 from dvc.config.sections import DISCOVER_LEVELS
 from dvc.errors import ConfigError
-from tests.reference.wynerziv_transform import ZIGZAG_RANK
+from tests.reference.wynerziv import ZIGZAG_RANK
 
 QCIF = VideoConfig(176, 144, 15, 1)
 VIDEO: dict[str, Any] = {"width": 176, "height": 144, "frame_rate_num": 15, "frame_rate_den": 1}

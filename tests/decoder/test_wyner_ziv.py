@@ -30,7 +30,7 @@ from dvc.wynerziv.encoder_buffer import EncoderBuffer
 from dvc.wynerziv.payloads import EncodedFrame
 from dvc.wynerziv.quantizer import FrameLayout, Quantization
 from tests.clips import moving_texture
-from tests.reference.wynerziv_planes import quantize
+from tests.reference.wynerziv import quantize
 
 HEIGHT, WIDTH = 30, 44
 

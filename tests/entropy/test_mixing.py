@@ -110,27 +110,20 @@ def test_contexts_count_as_documented(decisions: list[tuple[int, int]], percent:
 @pytest.mark.nojit
 @given(st.lists(NUMBERS, max_size=20), st.booleans())
 def test_numbers_come_back(numbers: list[int], twin: bool) -> None:
-    """Numbers up to the largest are read again, and both ends have counted the same."""
-    writer, written = RangeCoder.writer(), fresh()
-    assert coded(writer, written, numbers, twin) == numbers
-    reader, read = RangeCoder.reader(writer.to_bytes()), fresh()
-    assert coded(reader, read, [0] * len(numbers), not twin) == numbers
-    reader.check()
-    assert np.array_equal(written, read)
-
-
-@given(st.lists(NUMBERS, max_size=20))
-def test_numbers_are_the_decisions_of_the_twin(numbers: list[int]) -> None:
-    """Every decision is in its context, and has the probability that is due."""
+    """Each decision is in its context, with the probability of the twin; both ends have counted the same."""
     contexts, parts = [reference.Context(30) for _ in range(NUM_CONTEXTS)], []
     for number in numbers:
         for k, decision in reference.exp_golomb(number, ZERO, SIGN, EXPONENTS, MANTISSAS):
             parts.append(reference.of_decision(0.5 if k < 0 else float(contexts[k].probability()), decision))
             if k >= 0:
                 contexts[k].see(decision)
-    writer = RangeCoder.writer()
-    coded(writer, fresh(), numbers)
+    writer, written = RangeCoder.writer(), fresh()
+    assert coded(writer, written, numbers, twin) == numbers
     assert writer.to_bytes() == reference.as_bytes(parts)
+    reader, read = RangeCoder.reader(writer.to_bytes()), fresh()
+    assert coded(reader, read, [0] * len(numbers), not twin) == numbers
+    reader.check()
+    assert np.array_equal(written, read)
 
 
 @given(st.binary(max_size=60), st.integers(1, 30))

@@ -13,7 +13,7 @@ from dvc.slepian_wolf import NeighbourCoupling, PlaneResult, drive
 from dvc.slepian_wolf.cascade.cascade_coder import PlaneReconciliation
 from dvc.slepian_wolf.cascade.posterior import RangePosterior
 from tests.coders import SEED, coder_of
-from tests.reference.wynerziv_priors import coupled_llr
+from tests.reference.wynerziv import coupled_llr
 
 SETTINGS = CascadeConfig()
 

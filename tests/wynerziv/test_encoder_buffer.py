@@ -1,6 +1,6 @@
 """Answers to many requests at once are those to each of them by itself."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import count
 
@@ -266,6 +266,18 @@ def test_a_slot_holds_one_frame_after_the_other() -> None:
     assert len(found[2]) == 8
 
 
+class Noting(CascadeCoder):
+    """Calls a function with the number of each code before its parity is computed."""
+
+    def __init__(self, note: Callable[[int], None]) -> None:
+        super().__init__(CascadeConfig(), 1)
+        self._note = note
+
+    def encode(self, code: int, words: NDArray[np.uint64], parity: NDArray[np.uint64]) -> None:
+        self._note(code)
+        super().encode(code, words, parity)
+
+
 def whole_plane(frame: int, begins: bool = True) -> ParityRequest:
     """Return a request for all parities of a run of twenty bits, the first plane of a frame."""
     everything = tuple(range(NUM_CODES * 20))
@@ -283,13 +295,11 @@ def test_what_is_held_stays_within_its_room(monkeypatch: pytest.MonkeyPatch, roo
     monkeypatch.setattr(encoder_buffer, "MAX_HELD_BYTES", room * WHOLE_BYTES)
     held: list[int] = []
 
-    class Counting(CascadeCoder):
-        def encode(self, code: int, words: NDArray[np.uint64], parity: NDArray[np.uint64]) -> None:
-            held.append(sum(run.bits.nbytes + run.parity.nbytes for run in opened._held.values()))
-            super().encode(code, words, parity)
+    def note(_: int) -> None:
+        held.append(sum(run.bits.nbytes + run.parity.nbytes for run in opened._held.values()))
 
     plain = PlainRuns([encoded_frame(layout, seed) for seed in range(8)])
-    opened = opened_of(*(own.frame for own in plain.frames), coder=Counting(CascadeConfig(), 1))
+    opened = opened_of(*(own.frame for own in plain.frames), coder=Noting(note))
     for number in range(8):
         plain.begin(number, (number, (0,), np.ones(2, bool)))
     answer_of(opened, table_of([beginning(number, 0, "crc", 1, 0) for number in range(8)]))  # bits alone
@@ -310,19 +320,13 @@ def test_parity_of_runs_that_were_begun_first_gives_way(monkeypatch: pytest.Monk
     """Where there is no room, it is computed again for these alone; it is not for others."""
     layout = layout_of(16, 20, MATRICES[7])
     monkeypatch.setattr(encoder_buffer, "MAX_HELD_BYTES", 2 * WHOLE_BYTES)
-    computed: list[int] = []
-
-    class Counting(CascadeCoder):
-        def encode(self, code: int, words: NDArray[np.uint64], parity: NDArray[np.uint64]) -> None:
-            computed[-1] += 1
-            super().encode(code, words, parity)
-
-    frames = [encoded_frame(layout, seed) for seed in range(3)]
-    opened = opened_of(*frames, coder=Counting(CascadeConfig(), 1))
-    known: set[int] = set()
+    codes: list[int] = []
+    opened = opened_of(*(encoded_frame(layout, seed) for seed in range(3)), coder=Noting(codes.append))
+    computed, known = [], set[int]()
     for frame in [0, 1, 0, 2, 1, 0, 0]:
-        computed.append(0)
+        before = len(codes)
         opened.answer(table_of([whole_plane(frame, frame not in known)]))
+        computed.append(len(codes) - before)
         known.add(frame)
     assert computed == [NUM_CODES, NUM_CODES, 0, NUM_CODES, 0, NUM_CODES, 0]
 
@@ -330,13 +334,7 @@ def test_parity_of_runs_that_were_begun_first_gives_way(monkeypatch: pytest.Monk
 def test_only_parity_that_is_asked_for_is_computed() -> None:
     """No code behind the last one that positions name, and none twice."""
     computed: list[int] = []
-
-    class Noting(CascadeCoder):
-        def encode(self, code: int, words: NDArray[np.uint64], parity: NDArray[np.uint64]) -> None:
-            computed.append(code)
-            super().encode(code, words, parity)
-
-    opened = opened_of(encoded_frame(layout_of(16, 20, MATRICES[7]), 0), coder=Noting(CascadeConfig(), 1))
+    opened = opened_of(encoded_frame(layout_of(16, 20, MATRICES[7]), 0), coder=Noting(computed.append))
     opened.answer_round([beginning(0, 0, "uncoded", 20, 0)], 0)
     opened.answer_round([ParityRequest(0, 0, "crc", 0, 0, 3)], 0)
     assert not computed

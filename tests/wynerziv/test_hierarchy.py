@@ -22,7 +22,10 @@ def test_each_frame_is_decoded_once_after_its_references(
 
 
 def test_hierarchical_order_halves_the_distance() -> None:
-    """The middle frame comes first, then those between it and the key frames."""
+    """The middle frame comes first, then those between it and the key frames; fifteen frames take 4 steps."""
+    assert reference_distances(7, True) == [2, 4, 2, 8, 2, 4, 2]
+    assert [len(level) for level in levels(decoding_order(0, 16, True))] == [1, 2, 4, 8]
+    assert [len(level) for level in levels(decoding_order(0, 5, False))] == [4]
     assert decoding_order(0, 8, True)[:3] == [(4, (0, 8)), (2, (0, 4)), (6, (4, 8))]
     assert decoding_order(0, 3, False) == [(1, (0, 3)), (2, (0, 3))]
 
@@ -38,11 +41,6 @@ def test_distances_are_those_of_the_references(num_frames: int, hierarchical: bo
         assert distances[index - 1] == last - first
 
 
-def test_distances_of_a_group_of_eight() -> None:
-    """The middle frame lies between the key frames, every second one between its neighbours."""
-    assert reference_distances(7, True) == [2, 4, 2, 8, 2, 4, 2]
-
-
 @given(st.integers(0, 50), st.integers(1, 40), st.booleans())
 def test_frames_of_a_level_are_not_predicted_from_each_other(
     before: int, length: int, hierarchical: bool
@@ -54,9 +52,3 @@ def test_frames_of_a_level_are_not_predicted_from_each_other(
         assert all(set(around) <= known for _, around in level)
         known |= {index for index, _ in level}
     assert sorted(place for level in levels(order) for place in level) == sorted(order)
-
-
-def test_levels_are_few() -> None:
-    """Fifteen frames take four steps, or one if key frames alone are references."""
-    assert [len(level) for level in levels(decoding_order(0, 16, True))] == [1, 2, 4, 8]
-    assert [len(level) for level in levels(decoding_order(0, 5, False))] == [4]

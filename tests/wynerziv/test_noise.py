@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from dvc._jit import python_twin
 from dvc.wynerziv import _kernels, noise, quantizer
 from dvc.wynerziv.noise import REFINEMENT_OUTLIER_PROBABILITY, expected_refinement
-from tests.reference import wynerziv_noise as reference
+from tests.reference import wynerziv as reference
 
 Array = np.ndarray
 
@@ -77,13 +77,6 @@ def test_log_likelihoods() -> None:
         assert score == pytest.approx(np.log(probability * (1 - 1e-4) + 1e-4).sum(), rel=1e-12)
 
 
-def test_probabilities_of_all_bins_add_up_to_one() -> None:
-    """A partition of the line has probability one."""
-    edges = np.concatenate([[-1e6], np.linspace(-50.0, 50.0, 41), [1e6]])
-    probability = interval_probability(edges[:-1], edges[1:], np.full(42, 3.3), np.full(42, 5.0))
-    assert probability.sum() == pytest.approx(1.0, abs=1e-12)
-
-
 def test_bit_llr_is_the_ratio_of_both_halves() -> None:
     """Positive means bit 0: the coefficient is more likely below the middle."""
     lower, middle, upper = (np.array([value]) for value in (-8.0, 0.0, 8.0))
@@ -122,41 +115,25 @@ def test_fit_gain_keeps_its_expectation_without_evidence() -> None:
     assert noise.fit_gain(nothing, nothing, nothing, nothing, expected=2.0) == pytest.approx(2.0)
 
 
-class TestModels:
-    """All models."""
-
-    @pytest.fixture(params=noise.MODELS)
-    def model(self, request: pytest.FixtureRequest) -> noise.NoiseModel:
-        """Return a model."""
-        return noise.MODELS[request.param]
-
-    def test_scales_follow_the_residual(self, model: noise.NoiseModel) -> None:
-        """On a Laplacian residual it finds about its scale, and never less on a larger residual."""
-        residual = np.random.default_rng(3).laplace(0.0, 5.0, (16, 30, 40))
-        scale = model(residual.copy())
-        assert scale.shape == residual.shape
-        assert scale.dtype == np.float64
-        assert scale.mean() == pytest.approx(5.0, rel=0.35)
-        assert (model(2.0 * residual) >= scale).all()
-
-    def test_identical_references_give_the_smallest_scale(self, model: noise.NoiseModel) -> None:
-        """No residual leaves the floor that rounding makes."""
-        np.testing.assert_allclose(model(np.zeros((16, 2, 3))), noise.MIN_SCALE)
-
-    def test_one_block_is_enough(self, model: noise.NoiseModel) -> None:
-        """Any number of blocks gives finite scales, of at least the floor; the residual is left as it was."""
-        for shape in ((16, 1, 1), (16, 1, 7), (16, 5, 1)):
-            residual = np.random.default_rng(1).normal(0.0, 9.0, shape)
-            kept = residual.copy()
-            scale = model(residual)
-            assert np.isfinite(scale).all()
-            assert (scale >= noise.MIN_SCALE).all()
-            np.testing.assert_array_equal(residual, kept)
-
-    def test_scales_are_deterministic(self, model: noise.NoiseModel) -> None:
-        """Decoders agree bit by bit."""
-        residual = np.random.default_rng(2).normal(0.0, 4.0, (16, 6, 6))
-        assert model(residual).tobytes() == model(residual.copy()).tobytes()
+@pytest.mark.parametrize("name", noise.MODELS)
+def test_scales_follow_the_residual(name: str) -> None:
+    """They are about those of a Laplacian residual, the same each time, and at least the floor; finite."""
+    model = noise.MODELS[name]
+    residual = np.random.default_rng(3).laplace(0.0, 5.0, (16, 30, 40))
+    scale = model(residual.copy())
+    assert scale.shape == residual.shape
+    assert scale.dtype == np.float64
+    assert scale.mean() == pytest.approx(5.0, rel=0.35)
+    assert (model(2.0 * residual) >= scale).all()
+    np.testing.assert_allclose(model(np.zeros((16, 2, 3))), noise.MIN_SCALE)
+    for shape in ((16, 1, 1), (16, 1, 7), (16, 5, 1)):
+        residual = np.random.default_rng(1).normal(0.0, 9.0, shape)
+        before = residual.copy()
+        scale = model(residual)
+        assert np.isfinite(scale).all()
+        assert (scale >= noise.MIN_SCALE).all()
+        np.testing.assert_array_equal(residual, before)
+        assert model(residual).tobytes() == scale.tobytes()
 
 
 def test_band_scale_is_constant_in_each_band() -> None:
@@ -236,31 +213,20 @@ def test_stays_in_the_bin(lower: float, width: float, side_information: float, s
     assert lower <= mean_of(lower, lower + width, side_information, scale) <= lower + width
 
 
-def test_side_information_in_the_middle_is_kept() -> None:
-    """By symmetry the middle of the bin stays where it is."""
-    assert mean_of(-4.0, 4.0, 0.0, 3.0) == 0.0
-
-
-def test_side_information_outside_leads_to_the_closer_border() -> None:
-    """From afar only the border counts: the mean is one scale inside it, for a bin much wider than that."""
-    assert mean_of(0.0, 100.0, -50.0, 2.0) == pytest.approx(2.0)
-    assert mean_of(0.0, 100.0, 150.0, 2.0) == pytest.approx(98.0)
-    assert mean_of(0.0, 100.0, -1e9, 2.0) == pytest.approx(2.0)
-
-
-def test_unreliable_side_information_leaves_the_middle() -> None:
-    """A very large scale makes the density flat over the bin."""
-    assert mean_of(0.0, 10.0, 1.0, 1e6) == pytest.approx(5.0, abs=1e-3)
-
-
-def test_reliable_side_information_is_taken() -> None:
-    """A very small scale keeps side information that lies in the bin."""
-    assert mean_of(0.0, 10.0, 3.0, 1e-3) == pytest.approx(3.0)
-
-
-def test_empty_bins_give_their_border() -> None:
-    """A bin without width has one value."""
-    assert mean_of(12.0, 12.0, 3.0, 1.0) == 12.0
+@pytest.mark.parametrize(
+    ("case", "expected", "tolerance"),
+    [
+        ((-4.0, 4.0, 0.0, 3.0), 0.0, 0.0),  # in the middle, by symmetry
+        ((0.0, 100.0, -50.0, 2.0), 2.0, 1e-6),  # from afar one scale inside the closer border
+        ((0.0, 100.0, 150.0, 2.0), 98.0, 1e-6),
+        ((0.0, 100.0, -1e9, 2.0), 2.0, 1e-6),
+        ((0.0, 10.0, 1.0, 1e6), 5.0, 1e-3),  # unreliable: the middle
+        ((0.0, 10.0, 3.0, 1e-3), 3.0, 1e-6),  # reliable: itself
+        ((12.0, 12.0, 3.0, 1.0), 12.0, 0.0),  # a bin without width
+    ],
+)
+def test_reconstructions(case: tuple[float, float, float, float], expected: float, tolerance: float) -> None:
+    assert mean_of(*case) == pytest.approx(expected, rel=0, abs=tolerance)
 
 
 PLANES, STEP = 7, 10.0

@@ -13,7 +13,7 @@ from dvc._jit import python_twin
 from dvc.wynerziv import _kernels, quantizer, transform
 from dvc.wynerziv.noise import GAINS, GAINS_PER_OCTAVE
 from dvc.wynerziv.quantizer import LENGTHS, length_code
-from tests.reference import wynerziv_planes as reference
+from tests.reference import wynerziv as reference
 
 levels_strategy = st.sampled_from([2, 4, 8, 16, 32, 64, 128, 256])
 

@@ -91,7 +91,15 @@ class PlaneReconciliation:
             size = sum(positions.size for _, positions in question)
             if not question or self._num_parity + size > self._llr.size:
                 return (yield from self._fetch())
-            yield from self._ask(posterior, question)
+            first, stop = question[0][0], 0
+            behind = [(order - first) * self._llr.size + positions for order, positions in question]
+            wanted = tuple(np.concatenate(behind).tolist())
+            bits = yield from self._request("parity", first, self._num_parity, size, wanted)
+            self._num_parity += size
+            for order, positions in question:
+                start, stop = stop, stop + positions.size
+                self._answers.append((order, positions, bits[start:stop]))
+                posterior.add_answers(*self._answers[-1])
 
     def _next_question(self, posterior: RangePosterior) -> Question:
         """Choose queries as long as answers are informative."""
@@ -135,18 +143,6 @@ class PlaneReconciliation:
         if missing > 0:
             new = yield from self._request("crc", 0, self._check.size, missing)
             self._check = np.concatenate([self._check, new])
-
-    def _ask(self, posterior: RangePosterior, question: Question) -> Generator[ParityRequest, Bits, None]:
-        first = question[0][0]
-        behind = [(order - first) * self._llr.size + positions for order, positions in question]
-        wanted = tuple(np.concatenate(behind).tolist())
-        bits = yield from self._request("parity", first, self._num_parity, len(wanted), wanted)
-        self._num_parity += len(wanted)
-        start = 0
-        for order, positions in question:
-            self._answers.append((order, positions, bits[start : start + positions.size]))
-            posterior.add_answers(*self._answers[-1])
-            start += positions.size
 
     def _fetch(self) -> PlaneCoroutine:
         """Ask for the bits themselves, unless they have come before."""
@@ -193,55 +189,40 @@ class CascadeDecoder:
     def check(self, frame: int = 0) -> Generator[ParityRequest, Bits, FrameCheck]:
         """Check all planes since the last check together, and correct those that are wrong."""
         planes, self._planes = self._planes, {}
+        checks = {number: crc(result.bits, CRC_BITS) for number, (_, result) in planes.items()}
+        answers: dict[tuple[int, ...], Bits] = {}
+        charged: dict[int, int] = {}  # bits that were asked for by the first of their planes
+        num_requests = 0
+
+        def holds(numbers: list[int], count: int) -> Generator[ParityRequest, Bits, bool]:
+            """Return whether the check of some planes is the encoder's; request it if it is unknown."""
+            nonlocal num_requests
+            key = tuple(numbers)
+            if key not in answers or answers[key].size < count:
+                start = charged.get(key[0], 0)
+                answers[key] = yield from ask(ParityRequest(frame, key[0], "joint", 0, start, count, key))
+                charged[key[0]] = start + count
+                num_requests += 1
+            decoded = joint_check(np.stack([checks[number] for number in numbers]))
+            return np.array_equal(decoded[: answers[key].size], answers[key])
+
         if not planes:
             return FrameCheck()
-        check = _JointCheck(frame, {p: planes[p][1].bits for p in planes})
         corrected: dict[int, PlaneResult] = {}
         suspects, search_bits = sorted(planes), SEARCH_BITS
-        while not (success := (yield from check.holds(sorted(planes), CRC_BITS))) and suspects:
-            number = yield from check.find(suspects, search_bits)
+        while not (success := (yield from holds(sorted(planes), CRC_BITS))) and suspects:
+            wrong = suspects  # one of these probably is
+            while len(wrong) > 1:
+                half = wrong[: len(wrong) // 2]
+                wrong = wrong[len(wrong) // 2 :] if (yield from holds(half, search_bits)) else half
+            number = wrong[0]
             suspects.remove(number)
             posterior = RangePosterior(planes[number][1].bits.size, self._seed)
             corrected[number] = yield from planes[number][0].correct(posterior)
-            check.checks[number] = crc(corrected[number].bits, CRC_BITS)
+            checks[number] = crc(corrected[number].bits, CRC_BITS)
             if np.array_equal(corrected[number].bits, planes[number][1].bits):
                 search_bits = CRC_BITS  # a wrong plane must have passed for right
-        return FrameCheck(corrected, check.num_requests, check.num_bits, success)
-
-
-class _JointCheck:
-    """Compares check bits of sets of planes with those of the encoder."""
-
-    def __init__(self, frame: int, bits: dict[int, Bits]) -> None:
-        self._frame = frame
-        self.checks = {plane: crc(own, CRC_BITS) for plane, own in bits.items()}
-        self._answers: dict[tuple[int, ...], Bits] = {}
-        self._charged: dict[int, int] = {}  # bits that were asked for by the first of their planes
-        self.num_requests = 0
-        self.num_bits = 0
-
-    def holds(self, planes: list[int], count: int) -> Generator[ParityRequest, Bits, bool]:
-        """Return whether the check of some planes is the encoder's; request it if it is unknown."""
-        key = tuple(planes)
-        if key not in self._answers or self._answers[key].size < count:
-            charged = self._charged.get(key[0], 0)
-            self._answers[key] = yield from ask(
-                ParityRequest(self._frame, key[0], "joint", 0, charged, count, key)
-            )
-            self._charged[key[0]] = charged + count
-            self.num_requests += 1
-            self.num_bits += count
-        known = self._answers[key]
-        own = joint_check(np.stack([self.checks[plane] for plane in planes]))
-        return bool((own[: known.size] == known).all())
-
-    def find(self, suspects: list[int], count: int) -> Generator[ParityRequest, Bits, int]:
-        """Return one of the planes that is probably wrong; one of them is."""
-        while len(suspects) > 1:
-            half = suspects[: len(suspects) // 2]
-            holds = yield from self.holds(half, count)
-            suspects = suspects[len(suspects) // 2 :] if holds else half
-        return suspects[0]
+        return FrameCheck(corrected, num_requests, sum(charged.values()), success)
 
 
 class CascadeCoder:

@@ -9,7 +9,7 @@ from dvc._jit import python_twin
 from dvc.slepian_wolf.cascade import _kernels, posterior
 from dvc.slepian_wolf.cascade.posterior import NUM_ORDERS, RangePosterior, bit_order, prefix_parities
 from dvc.slepian_wolf.coupling import NeighbourCoupling, bounded_llr
-from tests.reference.cascade_beliefs import Range, exact_odds, probability_odd
+from tests.reference.slepian_wolf import Range, exact_odds, probability_odd
 
 SEED = 1
 
@@ -300,32 +300,3 @@ def test_orders_are_fetched_as_they_are_needed(monkeypatch: pytest.MonkeyPatch) 
     beliefs.start(np.full(300, 3.0, np.float32))
     assert beliefs.new_order(0.2)
     assert fetched == [0, 1, 2]
-
-
-@pytest.mark.nojit
-@pytest.mark.parametrize("left_out", [set(), {2, 4, 10}])
-@pytest.mark.parametrize(
-    ("changed", "marked"), [(5, {1, 4, 6, 9}), (0, {0, 1, 4}), (7, {3, 6, 7, 11}), (11, {7, 10, 11})]
-)
-def test_neighbours_of_what_is_believed_otherwise_are_marked(
-    changed: int, marked: set[int], left_out: set[int]
-) -> None:
-    """Places in the same row and column; at a border the place itself instead of one that there is not."""
-    shape = 3, 4
-    places = np.array([place for place in range(12) if place not in left_out])
-    zeros, llr = np.zeros(places.size, np.uint8), np.zeros(places.size, np.float32)
-    coupled = _kernels.Coupled(
-        np.full(shape, 0.2),
-        np.zeros(shape),
-        places,
-        zeros,
-        llr,
-        np.ones(1, np.float32),
-        np.zeros(12, np.uint8),
-    )
-    odds = np.full(places.size, 0.25)
-    odds[places == changed] = 1.0
-    python_twin(_kernels._note_beliefs)(coupled, odds)
-    assert set(np.flatnonzero(coupled.marks).tolist()) == marked
-    assert coupled.deviation.ravel()[changed] == pytest.approx(0.3)
-    assert not coupled.deviation.ravel()[list(left_out)].any()

@@ -23,7 +23,7 @@ from dvc.slepian_wolf.turbo.turbo_coder import (
 )
 from dvc.slepian_wolf.turbo.turbo_encoder import CLASSICAL, encode_planes, trellis
 from tests.coders import SEED
-from tests.reference.turbo_bcjr import bcjr, rsc_encode
+from tests.reference.slepian_wolf import bcjr, rsc_encode
 
 BITS = np.random.default_rng(1).integers(0, 2, 64, dtype=np.uint8)
 
@@ -123,18 +123,6 @@ def test_goes_on_when_parity_arrives() -> None:
         np.testing.assert_array_equal(decoder.decisions, bits)
     assert runs[0][0] == runs[1][0]
     np.testing.assert_array_equal(runs[0][1], runs[1][1])
-
-
-@pytest.mark.parametrize("bit", [0, 1])
-def test_constant_planes(bit: int) -> None:
-    """Planes of zeros and of ones are planes like others."""
-    bits = np.full(300, bit, np.uint8)
-    decoder = TurboDecoder(CLASSICAL, 300, SEED)
-    llr = np.where(np.random.default_rng(1).random(300) < 0.1, -2.2, 2.2) * (1 - 2 * bit)
-    decoder.start(bounded_llr(llr))
-    decoder.add_parity(encode_planes(bits[None], CLASSICAL, SEED)[0, :240])
-    decoder.iterate(40)
-    np.testing.assert_array_equal(decoder.decisions, bits)
 
 
 def test_refuses_bad_arguments() -> None:

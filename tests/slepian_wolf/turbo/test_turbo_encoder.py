@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc.bits import spread_order
 from dvc.slepian_wolf import crc, crc_words
 from dvc.slepian_wolf.checks import random_keys, random_permutation
 from dvc.slepian_wolf.turbo.turbo_encoder import (
@@ -19,7 +18,7 @@ from dvc.slepian_wolf.turbo.turbo_encoder import (
     step,
     trellis,
 )
-from tests.reference.turbo_bcjr import rsc_encode
+from tests.reference.slepian_wolf import rsc_encode
 
 
 @pytest.mark.parametrize("num_bits", [1, 2, 7, 50, 201])
@@ -50,24 +49,14 @@ def test_words_hold_the_same_bits() -> None:
         np.testing.assert_array_equal(packed & np.uint64(1), plain[0])
 
 
-def test_no_planes_give_no_parity() -> None:
-    """A frame without planes is coded into nothing."""
-    assert encode_planes(np.zeros((0, 20), np.uint8), CLASSICAL, 1).shape == (0, 20)
-
-
 def test_refuses_what_is_no_plane() -> None:
-    """Other types, shapes and values than bits are refused."""
+    """Other types, shapes and values than bits are refused; a frame without planes is coded into nothing."""
+    assert encode_planes(np.zeros((0, 20), np.uint8), CLASSICAL, 1).shape == (0, 20)
     with pytest.raises(TypeError, match="uint8"):
         encode_planes(np.zeros((1, 5)), CLASSICAL, 1)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="shape"):
-        encode_planes(np.zeros(5, np.uint8), CLASSICAL, 1)
-    with pytest.raises(ValueError, match="0 and 1"):
-        encode_planes(np.full((1, 5), 2, np.uint8), CLASSICAL, 1)
-
-
-def test_classical_is_two_constituents_with_period_48() -> None:
-    """The classical code is that of the literature."""
-    assert TurboCode(feedback=0b11001, feedforward=0b11011, period=48) == CLASSICAL
+    for planes, message in ((np.zeros(5), "shape"), (np.full((1, 5), 2), "0 and 1")):
+        with pytest.raises(ValueError, match=message):
+            encode_planes(planes.astype(np.uint8), CLASSICAL, 1)
 
 
 @pytest.mark.parametrize("changes", [(0b1000, 0b11011, 48), (0b11001, 0b10, 48), (0b11001, 0b11011, 0)])
@@ -95,25 +84,15 @@ def test_permutation(seed: int, count: int) -> None:
     assert sorted(random_permutation(seed, count)) == list(range(count))
 
 
-@pytest.mark.parametrize(("num_bits", "seed"), [(0, 1), (-3, 1), (10, -1)])
-def test_refuses_bad_lengths(num_bits: int, seed: int) -> None:
-    """Empty planes and negative seeds are refused."""
-    with pytest.raises(ValueError, match="`num_bits` must be"):
-        interleaved(num_bits, seed)
-
-
 @given(st.integers(1, 250), st.integers(0, 50))
 def test_every_bit_enters_twice(num_bits: int, seed: int) -> None:
     """First all in order, then all in another one."""
     bits = interleaved(num_bits, seed)
     np.testing.assert_array_equal(bits[:num_bits], np.arange(num_bits))
     np.testing.assert_array_equal(np.sort(bits[num_bits:]), np.arange(num_bits))
-
-
-@given(st.integers(1, 400))
-def test_spread_order_is_a_permutation(count: int) -> None:
-    """Bit-reversed counting visits every number once."""
-    assert sorted(spread_order(count)) == list(range(count))
+    for refused in ((0, seed), (-num_bits, seed), (num_bits, -1)):
+        with pytest.raises(ValueError, match="`num_bits` must be"):
+            interleaved(*refused)
 
 
 @given(st.integers(1, 300), st.integers(1, 60))
