@@ -1,16 +1,9 @@
 """Correlation noise between a Wyner-Ziv frame and its side information: a Laplacian per coefficient.
 
-The scale ``b`` of a Laplacian with density exp(-|x - y| / b) / (2 b) is the mean absolute error. It is
-estimated at the decoder only: first from the difference of the two motion-compensated references (the
-published *online* models at frame, band and coefficient level, or the local model that is the default here),
-then from the true intervals of the bands and bit planes decoded so far.
-
-References
-----------
-[Kubasov2007] D. Kubasov, J. Nayak, C. Guillemot, "Optimal reconstruction in Wyner-Ziv video coding with
-multiple side information", MMSP 2007, Eq. (6): the conditional mean.
-[Brites2008] C. Brites, F. Pereira, "Correlation noise modeling for efficient pixel and transform domain
-Wyner-Ziv video coding", IEEE Trans. Circuits Syst. Video Technol. 18(9), 2008, Eqs. (9)-(16).
+The scale ``b`` of a Laplacian with density exp(-|x - y| / b) / (2 b) is the mean absolute error. Decoders
+estimate it: first from the difference of the two motion-compensated references (the *online* models of
+[Brites2008] at frame, band and coefficient level, or the local model that is the default here), then from the
+true intervals of the bands and bit planes decoded so far. Means are those of [Kubasov2007], Eq. (6).
 """
 
 from collections.abc import Callable

@@ -1,12 +1,8 @@
-"""The 4x4 integer transform of H.264, scaled to be orthonormal, over whole frames.
+"""The 4x4 integer transform of H.264 [Malvar2003], scaled to be orthonormal, over whole frames.
 
 A frame becomes 16 *bands* in zigzag order; band ``b`` holds one coefficient of every 4x4 block, blocks in
 raster order. The core is exact integer arithmetic, so that both sides get the same numbers on any processor.
 The DC coefficient of 8-bit samples lies in [0, 1020].
-
-References
-----------
-[Malvar2003] H. Malvar et al., "Low-complexity transform and quantization in H.264/AVC", 2003.
 """
 # mypy: allow-untyped-defs, no-check-untyped-defs
 

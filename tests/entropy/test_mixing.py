@@ -129,7 +129,6 @@ def test_numbers_come_back(numbers: list[int], twin: bool) -> None:
 @given(st.binary(max_size=60), st.integers(1, 30))
 @settings(max_examples=200)
 def test_any_bytes_are_numbers_or_refused(data: bytes, count: int) -> None:
-    """Arbitrary bytes are refused, or are numbers that can be written."""
     reader = RangeCoder.reader(data)
     numbers = coded(reader, fresh(90), [0] * count)
     try:
@@ -151,7 +150,6 @@ def test_exponents_without_end_are_refused() -> None:
 
 @pytest.mark.parametrize("number", [LARGEST + 1, -LARGEST - 1])
 def test_numbers_that_are_too_large_have_no_bytes(number: int) -> None:
-    """It is an error of the caller, and noticed."""
     writer = RangeCoder.writer()
     coded(writer, fresh(), [number])
     with pytest.raises(AssertionError, match="room"):

@@ -120,7 +120,6 @@ def test_a_carry_goes_through_many_words(count: int) -> None:
 
 
 def test_data_that_cannot_have_been_written_are_refused() -> None:
-    """What the equal parts of the interval leave over stands for nothing."""
     reader = RangeCoder.reader(b"\xff" * 8)
     with pytest.raises(BitstreamError, match="damaged"):
         reader.uniform(7)
@@ -160,7 +159,6 @@ def test_room_is_known() -> None:
 
 
 def test_a_sequence_takes_its_information() -> None:
-    """Rare decisions take the bits that information theory gives them, and a word at most for the end."""
     rng = np.random.default_rng(1)
     decisions = (rng.random(20_000) < 0.02).astype(int).tolist()
     writer = RangeCoder.writer()

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from dvc._jit import python_twin
 from dvc.slepian_wolf import _kernels, crc
 from dvc.slepian_wolf.checks import POLYNOMIALS
 from tests.reference.slepian_wolf import crc_remainder
+from tests.twins import Choose
 
 
 @pytest.mark.nojit
@@ -18,11 +18,10 @@ def test_published_check_values(num_bits: int, check: int) -> None:
 
 
 @pytest.mark.nojit
-@pytest.mark.parametrize("twin", [False, True])
 @pytest.mark.parametrize("width", sorted(POLYNOMIALS))
-def test_kernel_divides_planes_of_any_length(width: int, twin: bool) -> None:
+def test_kernel_divides_planes_of_any_length(width: int, choose: Choose) -> None:
     """Compiled and as Python, by the polynomial and, of many words, by powers of it."""
-    run = python_twin(_kernels.crc_words) if twin else _kernels.crc_words
+    run = choose(_kernels.crc_words)
     rng = np.random.default_rng(width)
     for length in (1, 3 * width - 1, 15 * width, 63 * width, 64 * width + 1, 150 * width):
         words, checks = rng.integers(0, 2**64, length, dtype=np.uint64), np.empty(width, np.uint64)
@@ -33,7 +32,6 @@ def test_kernel_divides_planes_of_any_length(width: int, twin: bool) -> None:
 
 
 def test_keeps_leading_dimensions() -> None:
-    """Planes may be stacked in any shape, more than a word's worth of them."""
     planes = np.random.default_rng(0).integers(0, 2, (3, 30, 17), dtype=np.uint8)
     checks = crc(planes, 8)
     assert checks.shape == (3, 30, 8)

@@ -66,7 +66,6 @@ def test_neighbours_are_added_as_in_the_plain_way(causal: bool, shape: tuple[int
 
 @pytest.mark.parametrize("share", [1.0, 0.5])
 def test_neighbours_as_expected_tell_nothing(share: float) -> None:
-    """Beliefs that are those of the bits alone leave all LLRs as they are."""
     coupling = random_coupling(np.random.default_rng(4), (4, 5), 2.0, share)
     found = coupling.llr_given(coupling.base_probability.ravel()[coupling.places])
     np.testing.assert_allclose(found, coupling.base.ravel()[coupling.places], atol=1e-5)

@@ -54,7 +54,6 @@ def test_what_is_asked_for_is_answered_in_turn() -> None:
 
 
 def test_wrong_answers_are_refused() -> None:
-    """Bits that are too many reach the coroutine that asked, which refuses them."""
     with pytest.raises(ValueError, match="expected 3 uncoded bits"):
         drive(asking(0, [3]), lambda _: np.zeros(4, np.uint8))
 
@@ -74,7 +73,6 @@ def test_those_side_by_side_ask_together_until_each_has_ended() -> None:
 
 
 def test_too_few_answers_are_refused() -> None:
-    """A round takes an answer to each of its requests."""
     with pytest.raises(ValueError, match="zip"):
         drive(side_by_side([asking(0, [3]), asking(1, [1])]), lambda requests: [answer(requests[0])])
 

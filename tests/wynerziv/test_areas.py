@@ -96,7 +96,6 @@ def test_damaged_choices_are_refused_or_other_choices(
 
 @pytest.mark.parametrize("data", [b"\xff" * 9, bytes(9), b"\0\0"])
 def test_bytes_that_no_choice_has_are_refused(data: bytes) -> None:
-    """More of them than are needed, or such as nobody writes."""
     with pytest.raises(BitstreamError, match="range-coded data"):
         Areas((8, 8)).decoded(data)
 

@@ -10,7 +10,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from dvc._jit import python_twin
 from dvc.config import CODERS, CascadeConfig
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf import MAX_RUN_BITS, ParityRequest, Part, PlaneCoder, RequestTable, Run, crc
@@ -24,6 +23,7 @@ from dvc.wynerziv.encoder_buffer import EncoderBuffer
 from dvc.wynerziv.payloads import EncodedFrame
 from dvc.wynerziv.quantizer import FrameLayout
 from tests.coders import coder_of
+from tests.twins import Choose
 from tests.wynerziv.test_payloads import MATRICES, encoded_frame, layout_of, layouts, uncoded_planes
 
 FIRST_SLOT = 2
@@ -226,7 +226,6 @@ def test_a_run_has_bits_of_one_frame_after_the_other() -> None:
 
 
 def test_runs_that_are_too_long_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """By their bits in all frames, whatever is asked for of them; those before are answered on."""
     assert MAX_RUN_BITS == encoder_buffer.MAX_RUN_BITS
     monkeypatch.setattr(encoder_buffer, "MAX_RUN_BITS", 60)
     layout = layout_of(16, 20, MATRICES[7])
@@ -290,7 +289,6 @@ WHOLE_BYTES = 20 * (8 + NUM_CODES)
 
 @pytest.mark.parametrize("room", [1, 3, 8])
 def test_what_is_held_stays_within_its_room(monkeypatch: pytest.MonkeyPatch, room: int) -> None:
-    """Requests for all frames, in one message, are answered where there is room for a few of them."""
     layout = layout_of(16, 20, MATRICES[7])
     monkeypatch.setattr(encoder_buffer, "MAX_HELD_BYTES", room * WHOLE_BYTES)
     held: list[int] = []
@@ -346,7 +344,6 @@ def test_only_parity_that_is_asked_for_is_computed() -> None:
 
 
 def test_planes_of_a_band_have_bits_in_areas_of_those_before() -> None:
-    """In one run and from run to run; the first plane of a band has them wherever they are asked for."""
     layout = layout_of(32, 48, MATRICES[7])
     frame = encoded_frame(layout, 3)
     first, second = frame.quantization.first_plane[:2]
@@ -375,7 +372,6 @@ def test_planes_of_a_band_have_bits_in_areas_of_those_before() -> None:
 
 
 def test_planes_whose_band_was_not_asked_for_before_have_no_bits() -> None:
-    """Whatever areas are chosen; their check bits are those of nothing."""
     frame = encoded_frame(layout_of(16, 20, MATRICES[7]), 0)
     opened = opened_of(frame)
     assert not opened.answer_round([beginning(0, 0, "crc", 16, 2, 3)], 0)[0].any()
@@ -409,7 +405,6 @@ def test_bits_beyond_a_run_are_refused(coder: str, request_: ParityRequest, text
 
 @pytest.mark.parametrize("planes", [(41,), (0, 7, 41)])
 def test_planes_that_a_frame_lacks_are_refused(planes: tuple[int, ...]) -> None:
-    """What other frames of the layout may have, but this one has not, raises `ValueError`."""
     layout = layout_of(16, 16, None)
     whole, frame = encoded_frame(layout, 0), encoded_frame(layout, 0, step_index=40)
     assert 8 < frame.quantization.num_planes <= 41 < whole.quantization.num_planes
@@ -424,7 +419,6 @@ def test_planes_that_a_frame_lacks_are_refused(planes: tuple[int, ...]) -> None:
 
 @pytest.mark.parametrize("begun", [(Part(0, (0,)),), (Part(-1, (0,)), Part(0, (0,)))])
 def test_runs_of_slots_without_a_frame_are_refused(begun: Run) -> None:
-    """There is no plane in them."""
     opened = EncoderBuffer(layout_of(16, 16, None), coder_of("cascade"), 3)
     opened.enter(0, encoded_frame(layout_of(16, 16, None), 0))
     with pytest.raises(ValueError, match="plane 0 of a frame"):
@@ -433,7 +427,6 @@ def test_runs_of_slots_without_a_frame_are_refused(begun: Run) -> None:
 
 @pytest.mark.parametrize("garbage", [b"\xff" * 9, b"\0\0"])
 def test_areas_that_nobody_writes_are_refused(garbage: bytes) -> None:
-    """What is known of other runs stays."""
     opened = opened_of(encoded_frame(layout_of(16, 20, MATRICES[7]), 0))
     bits = opened.answer_round([beginning(0, 0, "uncoded", 20, 0)], 0)[0]
     with pytest.raises(BitstreamError, match="range-coded data"):
@@ -443,8 +436,7 @@ def test_areas_that_nobody_writes_are_refused(garbage: bytes) -> None:
 
 
 @pytest.mark.nojit
-def test_picking_kernel_equals_its_twin() -> None:
-    """Compiled and as Python, and both as plain indexing."""
+def test_picking_kernel_equals_its_twin(choose: Choose) -> None:
     rng = np.random.default_rng(5)
     words, planes = rng.integers(0, 2**64, (2, 30), dtype=np.uint64), np.array([0, 3, 63, 64, 100])
     areas, chosen = rng.integers(0, 4, 30), rng.random((5, 4)) < 0.5
@@ -452,7 +444,6 @@ def test_picking_kernel_equals_its_twin() -> None:
         (words[plane // 64] >> np.uint64(63 - plane % 64) & np.uint64(1))[own[areas]]
         for plane, own in zip(planes.tolist(), chosen, strict=True)
     ]
-    for kernel in (_kernels.pick_bits, python_twin(_kernels.pick_bits)):
-        bits = np.empty(sum(own.size for own in expected), np.uint64)
-        kernel(words, planes, areas, chosen, bits)
-        np.testing.assert_array_equal(bits, np.concatenate(expected))
+    bits = np.empty(sum(own.size for own in expected), np.uint64)
+    choose(_kernels.pick_bits)(words, planes, areas, chosen, bits)
+    np.testing.assert_array_equal(bits, np.concatenate(expected))

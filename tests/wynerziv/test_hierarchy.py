@@ -45,7 +45,6 @@ def test_distances_are_those_of_the_references(num_frames: int, hierarchical: bo
 def test_frames_of_a_level_are_not_predicted_from_each_other(
     before: int, length: int, hierarchical: bool
 ) -> None:
-    """Each frame is in one level, and its references are in earlier ones."""
     order = decoding_order(before, before + length, hierarchical)
     known = {before, before + length}
     for level in levels(order):

@@ -42,7 +42,6 @@ def test_exponential(x: float) -> None:
 
 @given(st.floats(1e-300, 1e300))
 def test_logarithm(x: float) -> None:
-    """The logarithm is that of the library, but for the last digits."""
     assert _kernels.logarithm(x) == pytest.approx(math.log(x), rel=1e-14, abs=1e-15)
 
 
@@ -66,7 +65,6 @@ def test_compiled_and_interpreted_kernels_agree_to_the_bit() -> None:
 
 
 def test_log_likelihoods() -> None:
-    """The likelihood of a gain is the sum over the logarithms of the probabilities."""
     rng = np.random.default_rng(9)
     predicted = rng.normal(0.0, 30.0, 777)
     lower = 4.0 * np.floor((predicted + rng.laplace(0.0, 6.0, 777)) / 4.0)
@@ -100,7 +98,6 @@ def test_bit_llr_is_finite_and_bounded_by_outliers() -> None:
 
 @pytest.mark.parametrize("truth", [0.5, 1.0, 2.0])
 def test_fit_gain_recovers_the_scale(truth: float) -> None:
-    """Intervals of Laplacian samples give back the factor between assumed and true scale."""
     rng = np.random.default_rng(7)
     predicted = rng.uniform(-100.0, 100.0, 4000)
     coefficient = predicted + rng.laplace(0.0, 6.0 * truth, 4000)
@@ -110,7 +107,6 @@ def test_fit_gain_recovers_the_scale(truth: float) -> None:
 
 
 def test_fit_gain_keeps_its_expectation_without_evidence() -> None:
-    """Where nothing has been decoded the expected factor is the best one."""
     nothing = np.empty(0)
     assert noise.fit_gain(nothing, nothing, nothing, nothing, expected=2.0) == pytest.approx(2.0)
 
@@ -173,7 +169,6 @@ def test_scales_grow_with_the_fourth_root_of_texture() -> None:
 
 
 def test_shape_moves_scale_to_texture_and_expected_error_and_keeps_the_mean() -> None:
-    """Blocks with detail and blocks expected to be wrong take scale from the others."""
     bands = np.zeros((16, 4, 6))
     bands[3, 1, 2] = -90.0
     scale, expected = np.full((4, 6), 5.0), np.ones((4, 6))
@@ -188,7 +183,6 @@ def test_shape_moves_scale_to_texture_and_expected_error_and_keeps_the_mean() ->
 
 
 def test_shape_leaves_even_scales_alone_and_keeps_the_floor() -> None:
-    """A prediction without detail changes nothing, and no scale falls below the least."""
     flat = noise.texture(np.zeros((16, 3, 3)), 2)
     np.testing.assert_allclose(noise.shaped(np.full((3, 3), 2.0), flat, None), 2.0)
     assert np.all(noise.shaped(np.zeros((3, 3)) + 1e-3, flat, None) == noise.MIN_SCALE)
@@ -209,7 +203,6 @@ def test_equals_quadrature(lower: float, width: float, side_information: float, 
 
 @given(st.floats(-1e4, 1e4), st.floats(0, 1e4), st.floats(-1e4, 1e4), st.floats(1e-3, 1e4))
 def test_stays_in_the_bin(lower: float, width: float, side_information: float, scale: float) -> None:
-    """Whatever the numbers, the reconstruction lies within the borders."""
     assert lower <= mean_of(lower, lower + width, side_information, scale) <= lower + width
 
 
@@ -281,7 +274,6 @@ def test_entropy_and_saving_are_those_of_the_density(known: int) -> None:
 
 
 def test_every_coefficient_stands_for_itself() -> None:
-    """What is expected of one does not depend on those beside it."""
     prefix, predicted, scale = coefficients(50)
     together = expected_refinement(prefix >> 2, 2, EDGES, predicted, scale, 2)
     assert together.bits.shape == together.saved.shape == (2, 50)
@@ -301,7 +293,6 @@ def test_sure_planes_are_worth_nothing() -> None:
 
 
 def test_bins_that_do_not_exist_count_nothing() -> None:
-    """An interval without width, as planes of a range quantiser may spell, has nothing to tell."""
     edges = quantizer.bin_edges(8, 3.0)
     worth = expected_refinement(np.array([7]), 0, edges, np.zeros(1), np.ones(1), 0)
     assert worth.bits.size == worth.saved.size == 0

@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from dvc._jit import python_twin
 from dvc.config import DiscoverMatrix, VideoConfig, WynerZivConfig, codec_config
 from dvc.config.sections import MAX_BAND_PLANES
 from dvc.errors import BitstreamError
@@ -19,6 +18,7 @@ from dvc.wynerziv.quantizer import FrameLayout
 from tests.clips import moving_texture
 from tests.reference import stream_reader
 from tests.reference import wynerziv as reference
+from tests.twins import Choose
 
 
 def layout_of(height: int, width: int, levels: tuple[int, ...] | None) -> FrameLayout:
@@ -59,7 +59,6 @@ def uncoded_planes(frame: EncodedFrame) -> np.ndarray:
 
 @given(layouts, st.data())
 def test_header_round_trip(layout: FrameLayout, data: st.DataObject) -> None:
-    """What a frame's quantisers are survives, whatever follows the header."""
     if layout.embedded:
         planes = tuple(data.draw(st.tuples(*[st.integers(0, MAX_BAND_PLANES)] * 16)))
         quantization = quantizer.quantization_of_step(data.draw(step_indices), planes)
@@ -181,7 +180,6 @@ def test_frames_take_about_the_entropy_of_their_bands(flat_rows: int, share: flo
 def test_any_payload_is_refused_or_the_only_one_of_its_planes(
     layout: FrameLayout, seed: int, flips: list[int], end: bytes
 ) -> None:
-    """Damaged bits, and bytes that are added or missing, are other planes or none."""
     changed = bytearray(encoded_frame(layout, seed).buffered_payload())
     for flip in flips:
         changed[flip // 8 % len(changed)] ^= 1 << flip % 8
@@ -208,7 +206,6 @@ def test_buffered_payload_with_more_bytes_is_refused(levels: tuple[int, ...] | N
 
 
 def test_header_that_is_not_filled_up_with_zeros_is_refused() -> None:
-    """What fills up the header stands for nothing."""
     layout = layout_of(8, 8, None)
     header = quantizer.quantization_of_step(9, (0,) * 16).header
     assert EncodedFrame.read(layout, header + b"\0").quantization.num_planes == 0
@@ -247,10 +244,8 @@ def test_punctured_payload_replays_what_was_recorded(counts: list[int], seed: in
 
 
 @pytest.mark.nojit
-@pytest.mark.parametrize("twin", [False, True])
 @pytest.mark.parametrize("levels", [2, 16, 256])
-def test_quantising_kernels_equal_their_twins(levels: int, twin: bool) -> None:
-    """Compiled and as Python, the kernels set the digits of the bins, on borders as well."""
+def test_quantising_kernels_equal_their_twins(levels: int, choose: Choose) -> None:
     rng = np.random.default_rng(levels)
     step = 4.0  # a power of two, so that the borders themselves are exact
     edges = quantizer.bin_edges(levels, step)
@@ -261,7 +256,6 @@ def test_quantising_kernels_equal_their_twins(levels: int, twin: bool) -> None:
     dc = rng.uniform(0.0, 1020.0, coefficients.size)
     planes = levels.bit_length() - 1
     words = np.zeros((2, coefficients.size), np.uint64)
-    choose = python_twin if twin else (lambda kernel: kernel)
     choose(_kernels.pack_dead_zone)(coefficients, 1.0, step, planes, 60, words)
     bands = np.zeros((7, dc.size))  # the first six only take their places
     bands[6] = 2.0 * dc

@@ -33,7 +33,6 @@ def planes(
 
 
 def test_newton_steps_as_in_the_plain_way() -> None:
-    """Compiled and plain logistic regressions agree, and keep to the bounds."""
     rng = np.random.default_rng(1)
     inputs, offset = rng.normal(0.0, 1.0, (3, 500)), rng.normal(0.0, 0.5, 500)
     is_zero = (rng.random(500) < 1.0 / (1.0 + np.exp(-2.0 * inputs[0]))).astype(np.float64)

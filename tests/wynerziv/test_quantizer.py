@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc._jit import python_twin
 from dvc.wynerziv import _kernels, quantizer, transform
 from dvc.wynerziv.noise import GAINS, GAINS_PER_OCTAVE
 from dvc.wynerziv.quantizer import LENGTHS, length_code
 from tests.reference import wynerziv as reference
+from tests.twins import Choose
 
 levels_strategy = st.sampled_from([2, 4, 8, 16, 32, 64, 128, 256])
 
@@ -61,14 +61,13 @@ def test_embedded_bins_hold_every_coefficient(band: int, index: int, values: lis
 
 
 @pytest.mark.nojit
-@pytest.mark.parametrize("twin", [False, True])
-def test_planes_are_counted_like_their_twin(twin: bool) -> None:
+def test_planes_are_counted_like_their_twin(choose: Choose) -> None:
     """Compiled and as Python, the kernel finds the fewest planes, on borders and beyond the largest."""
     rng = np.random.default_rng(3)
     origins = np.array(
         [[quantizer.embedded_origin(band, count) for count in range(13)] for band in range(16)]
     )
-    run = python_twin(_kernels.count_planes) if twin else _kernels.count_planes
+    run = choose(_kernels.count_planes)
     planes = np.empty(16, np.int64)
     for step in (1.0, 1.1, 37.0):
         for _ in range(40):
@@ -83,7 +82,6 @@ def test_planes_are_counted_like_their_twin(twin: bool) -> None:
 
 @given(st.lists(st.integers(0, 12), min_size=16, max_size=16))
 def test_origins_of_all_bands_are_those_of_each(planes: list[int]) -> None:
-    """Together they are what they are one by one."""
     expected = [quantizer.embedded_origin(band, count) for band, count in enumerate(planes)]
     assert quantizer.embedded_origins(np.array(planes)).tolist() == expected
 
@@ -139,7 +137,6 @@ def test_powers_of_two_are_the_nearest_numbers() -> None:
 
 
 def test_every_step_has_its_index() -> None:
-    """Roundings on the way to a step do not lead to the next one."""
     for index in range(64):
         step = quantizer.STEPS[index]
         assert quantizer.index_of_step(step) == quantizer.index_of_step(step * (1 + 1e-12)) == index

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc._jit import python_twin
 from dvc.wynerziv import transform
 from tests.reference import wynerziv as reference
+from tests.twins import Choose
 
 
 def random_luma(height: int, width: int, seed: int = 0) -> np.ndarray:
@@ -25,7 +25,6 @@ def test_transforms_equal_matrix_products() -> None:
 
 @given(st.integers(1, 21), st.integers(1, 21), st.integers(0, 2**32 - 1))
 def test_round_trip_restores_every_sample(height: int, width: int, seed: int) -> None:
-    """Frames of any size come back, padding cut off."""
     luma = random_luma(height, width, seed)
     bands = transform.forward(luma)
     assert bands.shape == (16, *transform.band_shape(height, width))
@@ -42,7 +41,6 @@ def test_transform_is_orthonormal() -> None:
 
 
 def test_padding_replicates_the_border() -> None:
-    """A frame and the same frame padded by its last row and column have the same bands."""
     luma = random_luma(6, 9)
     padded = np.pad(luma, ((0, 2), (0, 3)), mode="edge")
     np.testing.assert_array_equal(transform.forward(luma), transform.forward(padded))
@@ -72,7 +70,6 @@ def test_core_takes_samples_wherever_they_lie() -> None:
 
 
 def test_core_refuses_other_samples() -> None:
-    """Samples of more than a byte are refused."""
     with pytest.raises(TypeError, match="uint8"):
         transform.integer_core(np.zeros((8, 8), np.int64))  # type: ignore[arg-type]
 
@@ -86,12 +83,11 @@ def largest_blocks() -> np.ndarray:
 
 
 @pytest.mark.nojit
-@pytest.mark.parametrize("twin", [False, True])
-def test_core_kernel_equals_matrix_products(twin: bool) -> None:
+def test_core_kernel_equals_matrix_products(choose: Choose) -> None:
     """Compiled and as Python, the kernel gives the core, and the extremes of each band, up to the largest."""
     luma = np.vstack([largest_blocks(), random_luma(8, 128)])
     core, extremes = np.empty((16, 96), np.int16), np.empty((16, 2), np.int16)
-    run = python_twin(transform._transform_samples) if twin else transform._transform_samples
+    run = choose(transform._transform_samples)
     rank = np.array(reference.ZIGZAG_RANK)
     run(luma.view("<u4"), rank, core, extremes)
     blocks = luma.reshape(3, 4, 32, 4).transpose(0, 2, 1, 3).reshape(96, 4, 4).astype(int)
@@ -104,23 +100,19 @@ def test_core_kernel_equals_matrix_products(twin: bool) -> None:
 
 
 @pytest.mark.nojit
-@pytest.mark.parametrize("twin", [False, True])
-def test_kernel_equals_matrix_products(twin: bool) -> None:
-    """Compiled and as Python, the kernel gives the bands."""
+def test_kernel_equals_matrix_products(choose: Choose) -> None:
     luma = random_luma(12, 20).astype(np.float64)
     bands = np.empty((16, 15))
-    run = python_twin(transform._transform_blocks) if twin else transform._transform_blocks
+    run = choose(transform._transform_blocks)
     run(luma, transform.SCALE, np.array(reference.ZIGZAG_RANK), bands)
     np.testing.assert_allclose(bands.reshape(16, 3, 5), reference.forward(luma), atol=1e-9)
 
 
 def test_inverse_refuses_bands_of_another_frame() -> None:
-    """Bands that do not fit the frame are refused."""
     with pytest.raises(ValueError, match="does not fit a frame of 8x8"):
         transform.inverse(np.zeros((16, 1, 2)), 8, 8)
 
 
 def test_to_uint8_rounds_halves_up_and_clips() -> None:
-    """Rounding is to the nearest, halves up, within the range of a sample."""
     samples = np.array([-3.0, -0.5, 0.49, 0.5, 1.5, 254.5, 300.0])
     assert transform.to_uint8(samples).tolist() == [0, 0, 0, 1, 2, 255, 255]

@@ -128,38 +128,30 @@ class RangePosterior:
                 marks=np.empty(coupling.base.size, np.uint8),
             )
         beliefs = self._beliefs
-        beliefs.prior[:] = beliefs.odds[:] = self._prior_odds(llr_ch)
+        right, wrong = np.empty_like(llr_ch), np.empty_like(llr_ch)
+        shared_kernels.bit_probabilities(np.where(self._first_decisions, -llr_ch, llr_ch), right, wrong)
+        beliefs.prior[:] = beliefs.odds[:] = wrong.astype(np.float64) / right
         self._expected = float(_kernels.expected_errors(beliefs.prior)[0])
         self._scale = 1.0
         self._laid_out = self._laid_after = self.num_bits
         self.num_orders = 0
         self._decided_prefix = {}
 
-    def _prior_odds(self, llr: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Odds that each bit differs from its first decision, by LLRs only."""
-        right, wrong = np.empty_like(llr), np.empty_like(llr)
-        shared_kernels.bit_probabilities(np.where(self._first_decisions, -llr, llr), right, wrong)
-        return wrong.astype(np.float64) / right
-
     def add_answers(self, order: int, positions: Positions, bits: Bits) -> None:
         """Take in parities."""
         beliefs = self._beliefs
-        if order == self.num_orders:
-            self._begin_order()
+        if order == self.num_orders:  # begin it with one range; orders that no plane needs use no memory
+            self._know_order(order)
+            beliefs.last[order] = beliefs.ends[:, order] = self.num_bits - 1
+            beliefs.first[order], beliefs.messages[order] = 0, 1.0
+            beliefs.prefix[order, -1] = beliefs.prefix[0, -1] if order else 0  # the parity of the plane
+            beliefs.pending[order, -1], beliefs.expected[order, -1], beliefs.stale[order, -1] = 1.0, 0.0, 1
+            decided = self._first_decisions[self._orders[order]]
+            self._decided_prefix[order] = np.bitwise_xor.accumulate(decided)
+            self.num_orders += 1
         self._laid_out = self._laid_after
         errors = bits ^ self._decided_prefix[order][positions]
         _kernels.divide(beliefs, order, positions, errors)
-
-    def _begin_order(self) -> None:
-        """Begin the next order with one range; of orders that no plane has needed yet memory is not used."""
-        beliefs, order = self._beliefs, self.num_orders
-        self._know_order(order)
-        beliefs.last[order] = beliefs.ends[:, order] = self.num_bits - 1
-        beliefs.first[order], beliefs.messages[order] = 0, 1.0
-        beliefs.prefix[order, -1] = beliefs.prefix[0, -1] if order else 0  # the parity of the plane
-        beliefs.pending[order, -1], beliefs.expected[order, -1], beliefs.stale[order, -1] = 1.0, 0.0, 1
-        self._decided_prefix[order] = np.bitwise_xor.accumulate(self._first_decisions[self._orders[order]])
-        self.num_orders += 1
 
     def propagate(self, max_sweeps: int, share: float) -> int:
         """Pass beliefs between bits and ranges until nothing changes any more."""

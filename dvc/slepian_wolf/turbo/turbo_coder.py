@@ -240,20 +240,17 @@ class _Plane:
     def checks(self, bits: Bits) -> bool:
         return bool((crc(bits, CRC_BITS)[: self.check.size] == self.check).all())
 
-    def missing_evidence(self, bits: Bits, expected_errors: float) -> float:
-        """Return how many more bits must agree before a plane that satisfies all parity is accepted."""
+    def accept(self, bits: Bits, expected_errors: float) -> Generator[ParityRequest, Bits, bool]:
+        """Return whether a plane that satisfies all parity is right; request check bits if that is open."""
+        if not self.checks(bits):
+            return False
         # Quantised costs and whole exponents: the last digit of a library's logarithm must not decide.
         cost = math.ceil(ideal_bits(self.llr, bits) * 16) / 16
         likelier = cost if cost > 30 else math.log2(max(2.0**cost - 1, 2.0**-60))
         mantissa, exponent = math.frexp(max(expected_errors, 2.0**-60))
         near = exponent - (mantissa == 0.5)  # the logarithm, rounded up
-        return ERROR_EXPONENT + max(likelier - self.parity.size, near) - self.check.size
-
-    def accept(self, bits: Bits, expected_errors: float) -> Generator[ParityRequest, Bits, bool]:
-        """Return whether a plane that satisfies all parity is right; request check bits if that is open."""
-        if not self.checks(bits):
-            return False
-        missing = math.ceil(self.missing_evidence(bits, expected_errors))
+        evidence = ERROR_EXPONENT + max(likelier - self.parity.size, near) - self.check.size
+        missing = math.ceil(evidence)  # bits that must agree before the plane is accepted
         if missing <= 0:
             return True
         if self.check.size + missing > CRC_BITS:
@@ -281,7 +278,15 @@ def decode_plane(
     first_errors = decoder.expected_errors
     while plane.parity.size < plane.num_bits:
         decoder.add_parity((yield from plane.request_parity()))
-        plane.iterations += _iterate(plane, decoder)
+        # Iterate in blocks as long as that makes the decisions surer.
+        block, progress = (STUCK_ITERATIONS, STUCK_ERRORS) if plane.stuck else (ITERATIONS, PROGRESS)
+        before = decoder.expected_errors
+        for start in range(0, MAX_ITERATIONS, block):
+            plane.iterations += decoder.iterate(min(MAX_ITERATIONS - start, block))
+            after = decoder.expected_errors
+            if decoder.parity_satisfied or after > progress * before:
+                break
+            before = after
         plane.stuck = decoder.expected_errors > STUCK_ERRORS * first_errors
         if decoder.parity_satisfied:
             if decoder.expected_errors > SURE_ERRORS:
@@ -289,21 +294,6 @@ def decode_plane(
             if (yield from plane.accept(decoder.decisions, decoder.expected_errors)):
                 return plane.result(decoder.decisions)
     return (yield from plane.fetch())
-
-
-def _iterate(plane: _Plane, decoder: TurboDecoder) -> int:
-    """Iterate in blocks as long as that makes the decisions surer; return the iterations done."""
-    block, progress = (STUCK_ITERATIONS, STUCK_ERRORS) if plane.stuck else (ITERATIONS, PROGRESS)
-    done, left = 0, MAX_ITERATIONS
-    before = decoder.expected_errors
-    while left > 0:
-        done += decoder.iterate(min(left, block))
-        left -= block
-        after = decoder.expected_errors
-        if decoder.parity_satisfied or after > progress * before:
-            break
-        before = after
-    return done
 
 
 class TurboPlaneDecoder:

@@ -88,7 +88,6 @@ def test_the_same_error_in_two_planes_shows() -> None:
 def test_batches_take_fewer_requests_for_some_more_bits(
     probability: float, most: float, batched: PlaneCoder, fewer: float
 ) -> None:
-    """Planes are as exact; requests are fewer, bits some more."""
     rng = np.random.default_rng(4)
     requests, ideal, paid = [0, 0], 0.0, 0
     for _ in range(6):

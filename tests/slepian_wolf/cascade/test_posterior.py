@@ -260,7 +260,6 @@ def test_orders_are_permutations_and_words_hold_all_planes(num_bits: int) -> Non
 
 @pytest.mark.parametrize("num_bits", [33, 50, 63])
 def test_orders_are_those_of_the_next_power_of_two(num_bits: int) -> None:
-    """Bits that are too many are left out, and the others stay in order."""
     for number in range(NUM_ORDERS):
         whole = bit_order(number, 64, SEED)
         wanted = [bit for bit in whole.tolist() if bit < num_bits]
@@ -270,7 +269,6 @@ def test_orders_are_those_of_the_next_power_of_two(num_bits: int) -> None:
 @pytest.mark.nojit
 @pytest.mark.parametrize("num_bits", [1, 37, 64])
 def test_prefix_parities_equal_their_twin(num_bits: int) -> None:
-    """Compiled and as Python, of an order that names other words, too."""
     words = np.random.default_rng(2).integers(0, 2**64, num_bits, dtype=np.uint64)
     found = np.empty_like(words)
     python_twin(_kernels.prefix_parities)(words, bit_order(5, 64, SEED), found)

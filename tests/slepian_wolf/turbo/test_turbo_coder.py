@@ -63,7 +63,6 @@ def test_open_planes_ask_for_what_is_missing(exponent: int) -> None:
 
 
 def test_hopeless_planes_are_given_up() -> None:
-    """Where even the whole check would not bear the odds, or what there is disagrees."""
     assert accepted(plane_of(6), crc(BITS, CRC_BITS), 2.0 ** (CRC_BITS - ERROR_EXPONENT + 1)) == (False, [])
     plane = plane_of(6)
     plane.check = 1 - plane.check
@@ -93,7 +92,6 @@ def test_decoders_are_made_if_none_is_idle_and_come_back(monkeypatch: pytest.Mon
 
 @pytest.mark.parametrize(("crossover", "share"), [(0.007, 0.15), (0.031, 0.32), (0.11, 0.8)])
 def test_corrects_its_channel(crossover: float, share: float) -> None:
-    """With enough parity for a channel, decoding succeeds."""
     bits, llr_ch = noisy(np.random.default_rng(4), 1584, crossover)
     decoder = TurboDecoder(CLASSICAL, 1584, SEED)
     decoder.start(bounded_llr(llr_ch))
@@ -126,7 +124,6 @@ def test_goes_on_when_parity_arrives() -> None:
 
 
 def test_refuses_bad_arguments() -> None:
-    """Parity is checked for shape and value."""
     decoder = TurboDecoder(CLASSICAL, 20, SEED)
     decoder.start(bounded_llr(np.full(20, np.inf)))
     with pytest.raises(ValueError, match="at most 20"):
@@ -195,7 +192,6 @@ def test_agrees_with_the_equations(polynomials: tuple[int, int], share_known: fl
 
 @pytest.mark.parametrize("polynomials", POLYNOMIALS)
 def test_windows_lose_little(polynomials: tuple[int, int]) -> None:
-    """Windows with unknown border states change LLRs near their borders only."""
     llr_a, parity = _case(polynomials, 1200, 0.5, 3)
     whole, cut = (siso(llr_a, parity, polynomials, windows) for windows in (1, 6))
     inner = np.arange(1200) % 200

@@ -38,7 +38,6 @@ def test_parity_is_that_of_the_plain_encoder(num_bits: int) -> None:
 
 @pytest.mark.nojit
 def test_words_hold_the_same_bits() -> None:
-    """Packed words give the parity and check bits of the planes that they hold."""
     planes = np.random.default_rng(2).integers(0, 2, (64, 90), dtype=np.uint8)
     words = (planes.astype(np.uint64) << np.arange(64, dtype=np.uint64)[:, None]).sum(axis=0, dtype=np.uint64)
     for packed, plain in (
@@ -61,7 +60,6 @@ def test_refuses_what_is_no_plane() -> None:
 
 @pytest.mark.parametrize("changes", [(0b1000, 0b11011, 48), (0b11001, 0b10, 48), (0b11001, 0b11011, 0)])
 def test_refuses_what_is_no_code(changes: tuple[int, int, int]) -> None:
-    """Polynomials without a constant term, and periods below one, are refused."""
     with pytest.raises(ValueError, match=r"constant term|period"):
         TurboCode(*changes)
 
@@ -80,13 +78,11 @@ def test_random_words_are_splitmix() -> None:
 
 @given(st.integers(0, 10**6), st.integers(1, 300))
 def test_permutation(seed: int, count: int) -> None:
-    """Every element appears once."""
     assert sorted(random_permutation(seed, count)) == list(range(count))
 
 
 @given(st.integers(1, 250), st.integers(0, 50))
 def test_every_bit_enters_twice(num_bits: int, seed: int) -> None:
-    """First all in order, then all in another one."""
     bits = interleaved(num_bits, seed)
     np.testing.assert_array_equal(bits[:num_bits], np.arange(num_bits))
     np.testing.assert_array_equal(np.sort(bits[num_bits:]), np.arange(num_bits))
@@ -124,7 +120,6 @@ def test_textbook_impulse_response() -> None:
 
 @pytest.mark.parametrize("polynomials", [(0b11, 0b01), (0b101, 0b111), (0b1101, 0b1011), (0b11001, 0b11011)])
 def test_tables_encode_as_polynomials_divide(polynomials: tuple[int, int]) -> None:
-    """Walking the tables gives the quotient of the polynomials."""
     bits = np.random.default_rng(3).integers(0, 2, 60, dtype=np.uint8)
     table = trellis(*polynomials)
     state, parity = 0, []
@@ -149,6 +144,5 @@ def test_transitions_pair_up(polynomials: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize("polynomials", [(0b110, 0b101), (0b111, 0b100), (1, 0b11), (0b100101, 1), (1, 1)])
 def test_trellis_refuses_what_is_no_code(polynomials: tuple[int, int]) -> None:
-    """Polynomials without constant term, without feedback, or too long are refused."""
     with pytest.raises(ValueError, match=r"constant term|register length|oldest"):
         memory(*polynomials)
