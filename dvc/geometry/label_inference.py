@@ -111,7 +111,7 @@ def _best_hypothesis(total: NDArray[np.int16]) -> tuple[Floats, Floats]:
     for y in range(height):
         for x in range(width):
             line = total[y, x]
-            lowest = _smallest_of(line, 0, count)
+            lowest = _smallest_of(line, np.int64(0), count)
             best = 0
             while line[best] != lowest:
                 best += 1
@@ -123,7 +123,7 @@ def _best_hypothesis(total: NDArray[np.int16]) -> tuple[Floats, Floats]:
                     hypothesis[y, x] += 0.5 * (left - right) / max(left, right)
             second = np.int64(1) << 30
             if best > 2:
-                second = min(second, np.int64(_smallest_of(line, 0, best - 2)))
+                second = min(second, np.int64(_smallest_of(line, np.int64(0), best - 2)))
             if best + 3 < count:
                 second = min(second, np.int64(_smallest_of(line, best + 3, count)))
             confidence[y, x] = second - np.int64(lowest)

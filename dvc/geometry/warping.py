@@ -79,7 +79,7 @@ def sample(plane: Bytes, positions: Floats) -> Floats:
     """Interpolate a plane by cubic convolution of fourth order (six points), in single precision."""
     samples = np.empty(positions.shape[:2])
     padded = np.pad(plane, PADDING, mode="edge").astype(np.float32)
-    _sample(padded, positions, samples)
+    _sample(padded, np.ascontiguousarray(positions), samples)
     return samples
 
 

@@ -136,7 +136,7 @@ def _fuse(index, maps, seen, shifts, tolerance, result):
         for x in range(width):
             mine = maps[index, y, x]
             label = np.int64(np.floor(mine + 0.5))
-            values[0], count, num_beyond = mine, 1, 0
+            values[0], count, num_beyond = mine, np.int64(1), 0
             for k in range(num):
                 u, v = x + shifts[k, label, 0], y + shifts[k, label, 1]
                 if k == index or not (0 <= u < width and 0 <= v < height) or not seen[k, v, u]:
