@@ -85,8 +85,9 @@ def make_forward(num_states, input_mask, parity_mask):
         """Write alpha of every step to `work`, from ``edges[0]`` on, and replace it by alpha at the end."""
         num_steps = prob0.size // NUM_LANES
         work[_SCALE:_METRIC] = _ONE
-        for i in range(record - _METRIC):
-            work[_METRIC + i] = edges[0, i]
+        edge, last = edges[0], work[num_steps * record + _METRIC : (num_steps + 1) * record]
+        for i in range(edge.size):
+            work[_METRIC + i] = edge[i]
         for t in range(num_steps):
             now = work[t * record : (t + 2) * record]
             cells = slice(t * NUM_LANES, (t + 1) * NUM_LANES)
@@ -108,8 +109,8 @@ def make_forward(num_states, input_mask, parity_mask):
                     now[record + _METRIC + 2 * k * NUM_LANES + w] = x0
                     now[record + _METRIC + (2 * k + 1) * NUM_LANES + w] = x1
                 now[record + _SCALE + w] = _ONE / total
-        for i in range(record - _METRIC):
-            edges[0, i] = work[num_steps * record + _METRIC + i]
+        for i in range(edge.size):
+            edge[i] = last[i]
 
     return forward
 
@@ -124,8 +125,9 @@ def make_backward(num_states, input_mask, parity_mask):
         """Run beta over `work`, from ``edges[1]`` on; replace it by beta at the lane's start."""
         num_steps = prob0.size // NUM_LANES
         work[num_steps * record + _SCALE : num_steps * record + _METRIC] = _ONE
-        for i in range(record - _METRIC):
-            work[num_steps * record + _METRIC + i] = edges[1, i]
+        edge, last = edges[1], work[num_steps * record + _METRIC : (num_steps + 1) * record]
+        for i in range(edge.size):
+            last[i] = edge[i]
         for t in range(num_steps - 1, -1, -1):
             now = work[t * record : (t + 2) * record]
             cells = slice(t * NUM_LANES, (t + 1) * NUM_LANES)
@@ -154,8 +156,8 @@ def make_backward(num_states, input_mask, parity_mask):
                     now[_METRIC + (k + half) * NUM_LANES + w] = y1
                 now[_SCALE + w] = _ONE / total
                 ratio_now[w] = (c0 * s00 + c1 * s01 + _SUM_FLOOR) / (c0 * s10 + c1 * s11 + _SUM_FLOOR)
-        for i in range(record - _METRIC):
-            edges[1, i] = work[_METRIC + i]
+        for i in range(edge.size):
+            edge[i] = work[_METRIC + i]
 
     return backward
 
