@@ -52,16 +52,6 @@ def pack_digits(digits: str) -> bytes:
     return int(digits.ljust(8 * size, "0") or "0", 2).to_bytes(size, "big")
 
 
-def spread_order(count: int) -> NDArray[np.int64]:
-    """Order the integers below `count` so that every prefix is spread out (bit-reversed counting)."""
-    width = max(1, (count - 1).bit_length())
-    numbers = np.arange(1 << width, dtype=np.int64)
-    reverse = np.zeros_like(numbers)
-    for bit in range(width):
-        reverse |= ((numbers >> bit) & 1) << (width - 1 - bit)
-    return reverse[reverse < count]
-
-
 class BitReader:
     """Reads bits of bytes, top bits first."""
 

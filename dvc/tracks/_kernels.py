@@ -227,7 +227,8 @@ def code_first(coder, points, taken, sides, rates):
         free = np.ones((columns, rows), np.bool_)
         take_guarded(free, taken, guard, exponent)
         fits = code_occupancy(coder, cells, free, distance, rates)
-    points[:] = cells << exponent
+    for i in range(points.shape[0]):
+        points[i, 0], points[i, 1] = cells[i, 0] << exponent, cells[i, 1] << exponent
     return fits
 
 

@@ -11,7 +11,7 @@ from dvc.keyframes import KeyPicture
 from dvc.slepian_wolf.requests import drive
 from dvc.video import Frame
 from dvc.wynerziv.payloads import EncodedFrame
-from dvc.wynerziv.quantizer import FrameLayout, length_of_code
+from dvc.wynerziv.quantizer import LENGTHS, FrameLayout
 from encoder.encoder_session import EncoderSession
 from encoder.groups import Group
 from encoder.rate_limiter import CodedFrames, CodeKey, Coding, RateLimiter, _limit_codes
@@ -122,7 +122,7 @@ def test_frames_may_take_no_more_than_the_limit_on_the_mean(bits_per_s: int | No
     planes = tuple(EncodedFrame.of(layout, frame.luma, 8.0) for frame in frames[:3])
     limiter = RateLimiter(EncoderSession(CONFIG, Live(), limits=limits).config, Live(), limits)
     coded = coded_within(limiter, Keys(1000, 100), True, Group((), frames[3]), planes)
-    told = [length_of_code(code[0]) for code in coded.limits]
+    told = [LENGTHS[code[0]] for code in coded.limits]
     headers = sum(8 * len(frame.header) for frame in planes)
     assert len(told) == 3
     assert sum(told) <= max(3 * most_bits - headers, 0)
@@ -137,7 +137,7 @@ def test_limits_are_for_those_who_choose_what_is_sent() -> None:
 @given(st.lists(st.floats(0.0, 900_000.0), min_size=1, max_size=16))
 def test_frames_together_are_told_what_is_allowed(allowed: list[float]) -> None:
     """Never more; what codes of one frame leave goes to those that follow."""
-    told = [length_of_code(code[0]) for code in _limit_codes(allowed)]
+    told = [LENGTHS[code[0]] for code in _limit_codes(allowed)]
     assert len(told) == len(allowed)
     assert sum(told) <= sum(allowed) + 1e-6
     assert sum(told) >= sum(allowed) - max(16.0, max(allowed) / 8.0 + 1.0) or max(told) > 900_000

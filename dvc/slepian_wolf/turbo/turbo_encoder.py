@@ -6,7 +6,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.bits import spread_order
 from dvc.slepian_wolf.checks import by_words, random_permutation
 from dvc.slepian_wolf.turbo import _kernels
 
@@ -100,6 +99,16 @@ def interleaved(num_bits: int, seed: int) -> NDArray[np.int32]:
 def section_starts(num_bits: int) -> NDArray[np.int64]:
     """Return the steps at which the register is reset."""
     return np.arange(NUM_SECTIONS, dtype=np.int64) * num_bits
+
+
+def spread_order(count: int) -> NDArray[np.int64]:
+    """Order the integers below `count` so that every prefix is spread out (bit-reversed counting)."""
+    width = max(1, (count - 1).bit_length())
+    numbers = np.arange(1 << width, dtype=np.int64)
+    reverse = np.zeros_like(numbers)
+    for bit in range(width):
+        reverse |= ((numbers >> bit) & 1) << (width - 1 - bit)
+    return reverse[reverse < count]
 
 
 @lru_cache(maxsize=16)
