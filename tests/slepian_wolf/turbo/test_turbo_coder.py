@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from dvc.contracts.test_plane_coders import noisy
 
 from dvc._jit import python_twin
+from dvc.contracts.test_plane_coders import noisy
 from dvc.slepian_wolf.checks import CRC_BITS, crc
 from dvc.slepian_wolf.coupling import bounded_llr
 from dvc.slepian_wolf.turbo import _kernels, turbo_coder
