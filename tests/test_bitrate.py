@@ -53,7 +53,6 @@ def test_a_stream_has_its_bitrate(clip: Path, tmp_path: Path) -> None:
 
 
 def test_frames_that_are_too_large_are_coded_coarser(clip: Path, tmp_path: Path) -> None:
-    """Key frames and others; where the coarsest does not fit, that is counted."""
     usual, _ = encoded(clip, tmp_path, "--qp", "20", "--frames", "40")
     assert largest_frame(usual) > 9000
     stream, report = encoded(clip, tmp_path, "--qp", "20", "--frames", "40", "--max-bits-per-frame", "9k")
@@ -66,7 +65,6 @@ def test_frames_that_are_too_large_are_coded_coarser(clip: Path, tmp_path: Path)
 
 
 def test_limits_of_segments_are_told(clip: Path, tmp_path: Path) -> None:
-    """Frames that are too large are those of all; what was owed most is that of one."""
     told = {}
     for options in (("--max-bits-per-frame", "100", "--qp", "20"), ("--bitrate", "100k")):
         words = ["--frames", "60", "--segment", "1", "--json", str(tmp_path / "report.json"), *options]

@@ -20,7 +20,6 @@ from dvc.errors import BitstreamError
 
 @given(st.lists(st.lists(st.integers(0, 1)), min_size=1))
 def test_reader_gives_back_what_was_packed(parts: list[list[int]]) -> None:
-    """Arrays come back in order, and nothing is left but padding."""
     reader = BitReader(np.packbits(np.array([*chain(*parts)], np.uint8)).tobytes())
     for part in parts:
         assert reader.read(len(part)).tolist() == part
@@ -29,12 +28,10 @@ def test_reader_gives_back_what_was_packed(parts: list[list[int]]) -> None:
 
 @given(st.lists(st.integers(0, 1)))
 def test_digits_are_bits(digits: list[int]) -> None:
-    """What is spelled is what the same bits are packed to."""
     assert pack_digits("".join(map(str, digits))) == np.packbits(np.array(digits, np.uint8)).tobytes()
 
 
 def test_reader_is_exhausted_with_its_bytes() -> None:
-    """Reading on beyond the end raises, and does not move."""
     reader = BitReader(b"\xa5")
     assert reader.read(3).tolist() == [1, 0, 1]
     with pytest.raises(BitstreamError, match="6 bits wanted, 5 left"):
@@ -47,7 +44,6 @@ def test_reader_is_exhausted_with_its_bytes() -> None:
 
 
 def test_short_reads_unpack_no_more_than_their_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Parts of two bits come back, each from the one byte in which it lies."""
     few = [np.array([number >> 1, number & 1], np.uint8) for number in range(4)]
     reader = BitReader(np.packbits([few[number & 3] for number in range(2000)]).tobytes())
     unpacked, unpackbits = [], np.unpackbits
@@ -58,7 +54,6 @@ def test_short_reads_unpack_no_more_than_their_bytes(monkeypatch: pytest.MonkeyP
 
 @given(st.integers(0, MAX_VARINT), st.binary(max_size=8))
 def test_varints_come_back(value: int, tail: bytes) -> None:
-    """A varint is as short as seven bits a byte allow, and tells its own length."""
     data = encode_varint(value)
     assert len(data) == max(1, -(-value.bit_length() // 7))
     assert decode_varint(b"\xff" + data + tail, 1) == (value, 1 + len(data))
@@ -71,7 +66,6 @@ def test_varints_of_the_textbook() -> None:
 
 @pytest.mark.parametrize("value", [-1, MAX_VARINT + 1, 2**9000])
 def test_varints_out_of_range_are_refused(value: int) -> None:
-    """Five bytes are the limit."""
     with pytest.raises(ValueError, match="`value`"):
         encode_varint(value)
 
@@ -80,13 +74,11 @@ def test_varints_out_of_range_are_refused(value: int) -> None:
     "data", [b"", b"\x80", b"\xff" * 4, b"\x80\x00", b"\xff\x80\x00", b"\xff" * 5, b"\x80" * 9]
 )
 def test_malformed_varints_are_refused(data: bytes) -> None:
-    """Cut, needlessly long and endless integers are no integers."""
     with pytest.raises(BitstreamError, match="integer"):
         decode_varint(data, 0)
 
 
 def test_counted_bytes() -> None:
-    """Bytes behind their number are bounded by the caller and by what is there."""
     assert decode_bytes(b"?\x03abcd", 1, 3) == (b"abc", 5)
     with pytest.raises(BitstreamError, match="3 bytes, at most 2 are allowed"):
         decode_bytes(b"\x03abc", 0, 2)

@@ -46,7 +46,6 @@ def is_running(number: int) -> bool:
 
 @pytest.mark.parametrize("name", browser.COMMANDS)
 def test_commands_are_found(fake: Fake, name: str) -> None:
-    """Any of the usual commands will do."""
     assert browser.find() is None
     path = fake(name, PAGE)
     assert browser.find() == path
@@ -65,7 +64,6 @@ def test_browser_must_start(fake: Fake, tmp_path: Path) -> None:
 
 
 def test_browser_that_hangs_is_given_up(fake: Fake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One that never ends is ended, and its children are."""
     noted = tmp_path / "processes"
     fake("chromium", f"sleep 6000 & echo $$ $! > {noted}.new; mv {noted}.new {noted}; sleep 6000")
     monkeypatch.setattr(browser, "START_LIMIT_S", 0.5)
@@ -90,7 +88,6 @@ def test_named_browser_is_the_only_one(fake: Fake, monkeypatch: pytest.MonkeyPat
 def test_download_comes_before_the_package(
     fake: Fake, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What Playwright downloads serves, and the package manager is left alone."""
     folder = tmp_path / "downloads" / "chromium_headless_shell-9" / "linux64"
     path = fake("chrome-headless-shell", "exit 1", folder)
     script = f"printf '#!/bin/sh\\n%s\\n' \"{PAGE}\" > {path}"
@@ -154,7 +151,6 @@ def test_without_a_browser_one_line_says_so(
 
 @pytest.mark.parametrize(("required", "status", "word"), [("", 0, "SKIPPED"), ("1", 1, "ERROR")])
 def test_page_tests_follow(tmp_path: Path, required: str, status: int, word: str) -> None:
-    """The tests of the page are skipped in one line, or fail, with the same reason."""
     variables = {browser.NAMED: str(tmp_path / "none"), browser.REQUIRED: required, "COLUMNS": "500"}
     tests = ["tests/rd/test_page_browser.py", "-n", "0", "-q", "-p", "no:cacheprovider"]
     done = subprocess.run(

@@ -142,7 +142,6 @@ def test_bytes_and_psnr_are_as_before(canary: Canary, clips: Callable[[str], Pat
 
 
 def test_live_runs_cost_the_same(clips: Callable[[str], Path], tmp_path: Path) -> None:
-    """A decoder that asks another process gets the same frames for the same bytes."""
     clip = clips("jolt")
     command = [sys.executable, "-m", "encoder", clip, *CODINGS["jolt"].split(), "--serve", "127.0.0.1:0"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:

@@ -249,7 +249,6 @@ def damaged_copies(data: bytes) -> list[bytes]:
 
 
 def test_damaged_streams_are_refused(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Every cut and every flipped bit gives one line and no video."""
     for damaged in damaged_copies((desk / "s.dvc").read_bytes()):
         (desk / "damaged.dvc").write_bytes(damaged)
         assert decode("damaged.dvc", "o.y4m") == 2
@@ -258,7 +257,6 @@ def test_damaged_streams_are_refused(desk: Path, capsys: pytest.CaptureFixture[s
 
 
 def test_frames_of_a_pipe_are_refused(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A part is found by the index at the end, which a pipe does not show."""
     os.mkfifo("pipe.dvc")
 
     def write() -> None:
@@ -308,7 +306,6 @@ def test_salvage_keeps_what_came_before_the_damage(desk: Path, capsys: pytest.Ca
 
 
 def test_salvage_of_nothing_writes_nothing(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Damage in the first group of pictures leaves no video even with --salvage."""
     data = (desk / "s.dvc").read_bytes()
     with StreamReader(desk / "s.dvc") as reader:
         first_key = data.index(next(iter(reader)).key)
@@ -364,7 +361,6 @@ def test_punctured_stream_refuses_another_method(desk: Path, capsys: pytest.Capt
 
 
 def test_json_goes_to_standard_output(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """`--json -` prints a report with totals, and nothing else."""
     assert decode("s.dvc", "o.y4m", "--json", "-") == 0
     report = json.loads(capsys.readouterr().out)
     assert report["frames"] == 5
@@ -390,7 +386,6 @@ def test_names_that_are_no_text_are_told(capsys: pytest.CaptureFixture[str]) -> 
 
 @pytest.mark.parametrize("module", ["encoder", "decoder"])
 def test_help_is_quick_and_has_examples(module: str) -> None:
-    """Help shows examples, and loads neither numpy nor any compiled library."""
     code = (
         f"import sys, {module}.__main__ as m\n"
         "try: m.main(['--help'])\n"
@@ -403,7 +398,6 @@ def test_help_is_quick_and_has_examples(module: str) -> None:
 
 
 def test_version_tells_the_libraries(capsys: pytest.CaptureFixture[str]) -> None:
-    """Programs report the versions of their libraries."""
     with pytest.raises(SystemExit) as ended:
         encoder.__main__.main(["--version"])
     text = capsys.readouterr().out
@@ -415,7 +409,6 @@ def test_version_tells_the_libraries(capsys: pytest.CaptureFixture[str]) -> None
 def test_help_tells_the_defaults_of_the_variants(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The defaults of options are listed by codec, out of the presets."""
     monkeypatch.setenv("COLUMNS", "1000")  # no word is broken
     with pytest.raises(SystemExit):
         encoder.__main__.main(["--help"])
@@ -445,7 +438,6 @@ def test_expected_errors_become_one_line(capsys: pytest.CaptureFixture[str]) -> 
 
 
 def test_check_outputs_accepts_what_can_be_written(tmp_path: Path) -> None:
-    """New names in existing folders pass; a link to an input does not."""
     (tmp_path / "in").touch()
     cli.check_outputs([tmp_path / "in"], [tmp_path / "a", tmp_path / "b"])
     (tmp_path / "link").symlink_to(tmp_path / "in")
@@ -454,7 +446,6 @@ def test_check_outputs_accepts_what_can_be_written(tmp_path: Path) -> None:
 
 
 def test_files_in_folders_that_are_inputs_are_no_outputs(tmp_path: Path) -> None:
-    """New names next to them are accepted; a link to such a file is refused."""
     (tmp_path / "folder").mkdir()
     (tmp_path / "folder" / "index.json").touch()
     (tmp_path / "link").symlink_to(tmp_path / "folder" / "index.json")
@@ -466,7 +457,6 @@ def test_files_in_folders_that_are_inputs_are_no_outputs(tmp_path: Path) -> None
 
 
 def test_progress_bar_is_silent_away_from_terminals(capsys: pytest.CaptureFixture[str]) -> None:
-    """Nothing is written to a stderr that is no terminal."""
     with cli.progress_bar("work", 2) as progress:
         progress(1)
         progress(1)

@@ -23,13 +23,11 @@ def run(environment: dict[str, str], folder: Path, *words: object) -> str:
 
 
 def test_commands_are_of_all_programs() -> None:
-    """Each program is run."""
     programs = {words[0] for chain in CHAINS for words in commands(chain)}
     assert programs == {"decoder", "dvc.dibr", "dvc.stereo", "encoder", "sequences", "sfm"}
 
 
 def test_compilation_is_announced(tmp_path: Path) -> None:
-    """In one line, unless the command is to be quiet; a second run compiles nothing."""
     environment = os.environ | {
         "DVC_COMPILATION_NOTICE": "once",
         "NUMBA_CACHE_DIR": str(tmp_path / "kernels"),
@@ -57,7 +55,6 @@ def test_compilation_is_announced(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_programs_compile_nothing_afterwards(tmp_path: Path) -> None:
-    """Frozen streams are decoded by code from the cache."""
     cache = tmp_path / "kernels"
     environment = os.environ | {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(ROOT)}
     run(environment, tmp_path, "dvc.compile_kernels")

@@ -14,7 +14,6 @@ BOX, BINOMIAL = np.ones(5), [1, 2, 1]
 
 @pytest.mark.parametrize("window", [BOX, BINOMIAL])
 def test_response_is_negative_on_edges_and_positive_at_corners(window: list[int]) -> None:
-    """Harris-Stephens: an edge has one large eigenvalue, a corner two."""
     luma = np.zeros((40, 40), dtype=np.uint8)
     luma[20:, 20:] = 100
     response = corner_response(luma, window)
@@ -25,7 +24,6 @@ def test_response_is_negative_on_edges_and_positive_at_corners(window: list[int]
 
 @pytest.mark.parametrize("shape", [(1, 1), (3, 40), (37, 53)])
 def test_response_is_exact(shape: tuple[int, int]) -> None:
-    """The sums are those of whole numbers, with the border mirrored."""
     luma = np.random.default_rng(3).integers(0, 256, shape).astype(np.uint8)
     taps, smooth, slope = [1, 4, 6, 4, 1], [1, 2, 1], [-1, 0, 1]
 
@@ -59,7 +57,6 @@ def test_the_quick_response_is_the_same(window_px: int) -> None:
 
 @pytest.mark.parametrize("radius_px", [1, 3])
 def test_local_maxima_agree_with_the_twin(radius_px: int) -> None:
-    """A place is a maximum if nothing in the square around it is larger."""
     values = np.random.default_rng(2).integers(0, 30, (20, 27)).astype(np.float64)
     padded = np.pad(values, radius_px, constant_values=-1)
     squares = np.lib.stride_tricks.sliding_window_view(padded, (2 * radius_px + 1, 2 * radius_px + 1))

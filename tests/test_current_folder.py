@@ -103,7 +103,6 @@ def streams(strange: Path, clean: Path) -> list[bytes]:
 
 @pytest.mark.parametrize("text", ["", "[", "text", "1: 2"])
 def test_settings_of_numba(strange: Path, clean: Path, text: str) -> None:
-    """No settings of numba that lie there change a stream, or end in a traceback."""
     if text:
         (strange / ".numba_config.yaml").write_text(text)
     first, second = streams(strange, clean)
@@ -132,7 +131,6 @@ def test_decoder(strange: Path, clean: Path) -> None:
 
 
 def test_experiment(strange: Path, clean: Path) -> None:
-    """Nor in programs that measure, nor do settings change a report."""
     clip, out = write_clip(clean / "clip.mkv", moving_texture(3, 48, 64)), clean / "out"
     start(strange, "dvc-rd", "run", clip, "--gop", 2, "--qp", 34, "--out", out)
     reports = []
@@ -144,7 +142,6 @@ def test_experiment(strange: Path, clean: Path) -> None:
 
 
 def test_spawned_processes(strange: Path) -> None:
-    """Nor where `multiprocessing` starts Python, as `dvc-compile` does."""
     program = (
         "import os\nfrom multiprocessing import get_context\n"
         "from dvc.environment import baseline_environment\n"
@@ -156,12 +153,10 @@ def test_spawned_processes(strange: Path) -> None:
 
 
 def test_compiler_of_kernels(strange: Path) -> None:
-    """The command that compiles does so."""
     start(strange, "dvc-compile", "--jobs", 1)
 
 
 def test_repository(tmp_path: Path) -> None:
-    """A repository around the code names no program that git runs."""
     program, told = tmp_path / "program", tmp_path / "told"
     program.write_text(f"#!/bin/sh\ntouch {told}\n")
     program.chmod(0o755)
@@ -178,7 +173,6 @@ def _parsed(*packages: str) -> Iterator[tuple[str, ast.Module]]:
 
 
 def test_python_is_started_in_one_place() -> None:
-    """Commands come from `python_module`."""
     found = {
         name
         for name, tree in _parsed(*PACKAGES, "benchmarks")

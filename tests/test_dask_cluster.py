@@ -24,5 +24,4 @@ class FutureCancelledError(Exception):
     ],
 )
 def test_failures_are_one_line(error: Exception, line: str) -> None:
-    """Any error gives one line."""
     assert failure_text(error, "measured this point") == line

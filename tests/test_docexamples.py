@@ -28,7 +28,6 @@ OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
 
 @pytest.mark.parametrize("name", MODULES)
 def test_examples_are_true(name: str) -> None:
-    """The examples of a module print what they say."""
     results = doctest.testmod(importlib.import_module(name))
     assert results.attempted > 0
     assert results.failed == 0
@@ -91,7 +90,6 @@ def options() -> set[str]:
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_options_exist(document: Path, options: set[str]) -> None:
-    """Every option that a document names is one of some program."""
     code = re.findall(r"`([^`]+)`", re.sub(r"^```.*?^```", "", document.read_text(), flags=re.M | re.S))
     code = [text for text in code if "python -m" not in text and not text.startswith("pytest ")]
     named = {option for text in code for option in OPTION.findall(text)}

@@ -100,7 +100,6 @@ def built(folder: Path) -> dict[str, Stage]:
 
 
 def test_what_git_ignores_is_not_copied_into_images() -> None:
-    """Nor are git's own files: an image is made of what is in the repository."""
     ignored = (ROOT / ".gitignore").read_text(encoding="utf-8").split()
     found = {
         line.removeprefix("**/")

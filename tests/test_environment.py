@@ -63,7 +63,6 @@ def test_baseline_is_stated_whole(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_shared_libraries_are_not_looked_for_in_the_current_folder(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Empty entries go, those of the user stay."""
     monkeypatch.setenv("LD_LIBRARY_PATH", ":/one::/two:")
     assert child_environment()["LD_LIBRARY_PATH"] == "/one:/two"
     with without_settings("any"):
@@ -75,7 +74,6 @@ def test_shared_libraries_are_not_looked_for_in_the_current_folder(monkeypatch: 
 
 
 def test_settings_are_hidden_for_a_while(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Only by their name in the current folder."""
     monkeypatch.chdir(tmp_path)
     for name in ("settings", "other"):
         Path(name).touch()

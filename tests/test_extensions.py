@@ -80,7 +80,6 @@ def extended(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.mark.usefixtures("extended")
 def test_names_are_listed_without_an_import(capsys: pytest.CaptureFixture[str]) -> None:
-    """Help has the names of extensions, and imports none of them."""
     for main in (encoder.__main__.main, decoder.__main__.main):
         with pytest.raises(SystemExit):
             main(["--help"])
@@ -92,7 +91,6 @@ def test_names_are_listed_without_an_import(capsys: pytest.CaptureFixture[str]) 
 
 @pytest.mark.usefixtures("extended")
 def test_registered_extensions_are_used() -> None:
-    """Each kind is made by its factory; extensions cannot take names of ours."""
     config = codec_config(VideoConfig(64, 48, 25, 1), coder=CODERS["hasty"]())
     assert config.coder.name == "hasty"
     assert plane_coder(config).by_positions
@@ -162,7 +160,6 @@ def test_other_methods_are_passed_as_objects() -> None:
 
 
 def test_contracts_of_installed_extensions(folder: Path, tmp_path: Path) -> None:
-    """`pytest --pyargs dvc.contracts` tests each extension, and fails for a bad one."""
     words = ["-q", "-p", "no:cacheprovider", "--rootdir", str(tmp_path), "--pyargs", "dvc.contracts", "-k"]
     good = run("pytest", *words, "(still and constant) or (hasty and sure) and not hopeless", path=folder)
     assert good.returncode == 0, good.stdout

@@ -44,7 +44,6 @@ def run_without_others(module: str, words: list[str], folder: Path) -> subproces
 def test_a_camera_codes_with_its_own_packages(
     delivery: list[str], moving_frames: Callable[..., list[Frame]], tmp_path: Path
 ) -> None:
-    """To the same stream as with all others."""
     clip = write_clip(tmp_path / "clip.y4m", moving_frames(6, 96, 80))
     streams = tmp_path / "without.dvc", tmp_path / "with.dvc"
     words = [str(clip), "--quiet", *delivery]
@@ -58,7 +57,6 @@ def test_a_camera_codes_with_its_own_packages(
 def test_other_commands_say_what_they_need(
     module: str, moving_frames: Callable[..., list[Frame]], tmp_path: Path
 ) -> None:
-    """In one line; their help needs nothing."""
     words, extra = COMMANDS[module]
     write_clip(tmp_path / "clip.y4m", moving_frames(3, 64, 48))
     for name in ("a.png", "b.png"):
@@ -71,6 +69,5 @@ def test_other_commands_say_what_they_need(
 
 
 def test_a_camera_needs_few_packages() -> None:
-    """Other packages are extras; all brings all."""
     assert len(PROJECT["dependencies"]) <= 6
     assert PROJECT["optional-dependencies"]["all"] == ["dvc3d[dask,decode,mesh,report,stereo]"]

@@ -24,7 +24,6 @@ from dvc.files import (
 
 
 def test_file_appears_only_after_success(tmp_path: Path) -> None:
-    """Until the block ends, the old content stays under the name."""
     target = tmp_path / "out.bin"
     target.write_bytes(b"old")
     with atomic_output(target) as temporary:
@@ -49,13 +48,11 @@ def fail_in(output: AbstractContextManager[Path | SyncedFile], error: type[BaseE
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, SystemExit])
 def test_failure_leaves_nothing(tmp_path: Path, error: type[BaseException]) -> None:
-    """An exception of any kind removes the temporary file and passes through."""
     fail_in(atomic_output(tmp_path / "out.bin"), error)
     assert os.listdir(tmp_path) == []
 
 
 def test_visible_output_shows_while_it_is_written(tmp_path: Path) -> None:
-    """The remains of a killed process have a visible name after that of the file."""
     with atomic_output(tmp_path / "out.dvc", visible=True) as temporary:
         assert temporary == tmp_path / "out.dvc.part"
     assert os.listdir(tmp_path) == ["out.dvc"]
@@ -87,7 +84,6 @@ def another_writer(*arguments: object) -> Iterator[subprocess.Popen[str]]:
 
 @pytest.mark.parametrize("visible", [(), ("visible",)])
 def test_termination_leaves_nothing(tmp_path: Path, visible: tuple[str, ...]) -> None:
-    """SIGTERM removes the unfinished file, and has its own line and status."""
     with another_writer(tmp_path / "out.bin", *visible) as process:
         assert len(os.listdir(tmp_path)) == 1
         process.send_signal(signal.SIGTERM)
@@ -98,7 +94,6 @@ def test_termination_leaves_nothing(tmp_path: Path, visible: tuple[str, ...]) ->
 
 @pytest.mark.parametrize("visible", [False, True])
 def test_second_writer_is_refused(tmp_path: Path, visible: bool) -> None:
-    """A file has one writer at a time; the first continues undisturbed."""
     target = tmp_path / "out.bin"
 
     def write() -> None:
@@ -115,7 +110,6 @@ def test_second_writer_is_refused(tmp_path: Path, visible: bool) -> None:
 
 
 def test_dead_writers_block_no_other(tmp_path: Path) -> None:
-    """Remains of a killed writer are hidden and overwritten, or visible and renamed."""
     target = tmp_path / "out.bin"
     for visible in ((), ("visible",), ("visible",)):
         with another_writer(target, *visible) as process:
@@ -127,7 +121,6 @@ def test_dead_writers_block_no_other(tmp_path: Path) -> None:
 
 
 def test_disk_has_a_file_before_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A power cut after the renaming finds all of the file under its name."""
     steps: list[object] = []
     for name in ("fsync", "replace"):
         work = getattr(os, name)
@@ -156,7 +149,6 @@ def test_growing_file_is_renamed_when_it_is_finished(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, OSError])
 def test_failure_leaves_what_was_written(tmp_path: Path, error: type[BaseException]) -> None:
-    """An exception of any kind passes through, and the partial file stays."""
     fail_in(growing_output(tmp_path / "out.bin"), error)
     assert os.listdir(tmp_path) == ["out.bin.part"]
     assert (tmp_path / "out.bin.part").read_bytes() == b"half"
@@ -164,7 +156,6 @@ def test_failure_leaves_what_was_written(tmp_path: Path, error: type[BaseExcepti
 
 @pytest.mark.parametrize("name", ["out.bin", "out.bin.part"])
 def test_growing_file_replaces_nothing(tmp_path: Path, name: str) -> None:
-    """A file that has one of the names stays as it was."""
     (tmp_path / name).write_bytes(b"old")
     with pytest.raises(DvcError, match="exists"), growing_output(tmp_path / "out.bin") as file:
         file.write(b"new")
@@ -172,7 +163,6 @@ def test_growing_file_replaces_nothing(tmp_path: Path, name: str) -> None:
 
 
 def test_synced_writes_to_what_cannot_be_synced() -> None:
-    """Writing to a device works as to a file."""
     with SyncedFile(Path(os.devnull)) as file:
         assert file.write(b"data") == 4
 
@@ -181,7 +171,6 @@ def test_synced_writes_to_what_cannot_be_synced() -> None:
 def test_synced_waits_for_the_disk_where_it_shall(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, waits: bool
 ) -> None:
-    """The file has the data in both cases."""
     synced: list[int] = []
     monkeypatch.setattr(os, "fsync", synced.append)
     with SyncedFile(tmp_path / "out.bin", waits=waits) as file:
@@ -204,7 +193,6 @@ def test_full_disk_is_one_clear_error(
 
 
 def test_missing_folder_and_folder_as_target_are_refused(tmp_path: Path) -> None:
-    """A folder, and a file in a missing folder, cannot be written."""
     with pytest.raises(DvcError, match="does not exist"), atomic_output(tmp_path / "absent" / "x"):
         pass
     with pytest.raises(DvcError, match="is a folder"), atomic_output(tmp_path):
@@ -212,7 +200,6 @@ def test_missing_folder_and_folder_as_target_are_refused(tmp_path: Path) -> None
 
 
 def test_permissions_are_those_of_any_new_file(tmp_path: Path) -> None:
-    """The finished file follows the umask."""
     with atomic_output(tmp_path / "a"):
         pass
     (tmp_path / "b").touch()
@@ -220,7 +207,6 @@ def test_permissions_are_those_of_any_new_file(tmp_path: Path) -> None:
 
 
 def test_symbolic_link_is_followed(tmp_path: Path) -> None:
-    """Writing to a link replaces the file that it points to."""
     (tmp_path / "real").write_text("old")
     (tmp_path / "link").symlink_to(tmp_path / "real")
     with atomic_output(tmp_path / "link") as temporary:
@@ -230,14 +216,12 @@ def test_symbolic_link_is_followed(tmp_path: Path) -> None:
 
 
 def test_device_is_written_to_directly() -> None:
-    """A device is neither replaced nor removed."""
     with atomic_output("/dev/null") as path:
         path.write_bytes(b"gone")
     assert Path("/dev/null").is_char_device()
 
 
 def test_same_file_sees_through_names(tmp_path: Path) -> None:
-    """Links and detours lead to the same file, also if it does not exist yet."""
     real = tmp_path / "real"
     real.touch()
     (tmp_path / "link").symlink_to(real)
@@ -274,7 +258,6 @@ def test_folders_appear_whole(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", [".", "", "..", "/", "empty/.."])
 def test_folder_without_a_name_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """No folder can replace the current or a parent folder, even if that is empty."""
     (tmp_path / "empty").mkdir()
     monkeypatch.chdir(tmp_path / "empty")
     with pytest.raises(DvcError, match="it has no name"):
@@ -282,7 +265,6 @@ def test_folder_without_a_name_is_refused(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_what_never_ends_is_not_read_whole(tmp_path: Path) -> None:
-    """A file is read whole, a pipe to its end, and an endless device is refused."""
     path = tmp_path / "some"
     path.write_bytes(b"content")
     assert read_whole(path) == b"content"

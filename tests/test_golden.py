@@ -101,20 +101,17 @@ def test_golden_streams_decode_alike_on_every_processor(
 
 
 def test_every_frozen_stream_is_listed() -> None:
-    """No stream lies in the folder, and no record in the list, that nothing decodes."""
     listed = {golden.path(form).name for golden in GOLDEN for form in golden.forms}
     assert {path.name for path in FOLDER.rglob("*.dvc")} == listed == set(frozen.records(FOLDER))
 
 
 @pytest.mark.parametrize(("folder", "release"), frozen.DIGESTS)
 def test_what_a_release_has_frozen_stays(folder: str, release: str) -> None:
-    """Streams are added; none is made anew."""
     assert frozen.digest(frozen.GOLDEN / folder, release) == frozen.DIGESTS[folder, release]
 
 
 @pytest.mark.parametrize("folder", ["streams", "dibr"])
 def test_each_release_has_a_digest_of_what_it_has_frozen(folder: str) -> None:
-    """Its records are not changed unseen."""
     found = {path.stem.removeprefix("records-") for path in (frozen.GOLDEN / folder).glob("records-*.json")}
     assert found == {release for named, release in frozen.DIGESTS if named == folder}
 
@@ -147,7 +144,6 @@ def test_a_flipped_bit_is_named_with_its_record(
 def test_a_stream_of_the_future_is_refused_by_its_version(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A newer format is not guessed at."""
     data = bytearray(GOLDEN[0].path("punctured").read_bytes())
     data[4] = FORMAT_VERSION + 1
     (tmp_path / "future.dvc").write_bytes(data)

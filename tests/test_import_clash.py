@@ -45,7 +45,6 @@ def test_foreign_package_is_told(script: str, tmp_path: Path) -> None:
 
 
 def test_packages_mixed_in_one_folder_are_told(tmp_path: Path) -> None:
-    """Both installed into one folder are refused, whichever came last."""
     shutil.copytree(ROOT / "dvc", tmp_path / "dvc", ignore=shutil.ignore_patterns("__pycache__"))
     (tmp_path / "dvc" / "cli").mkdir()
     (tmp_path / "dvc" / "cli" / "__init__.py").write_text("")
@@ -54,7 +53,6 @@ def test_packages_mixed_in_one_folder_are_told(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("script", SCRIPTS)
 def test_commands_start(script: str, tmp_path: Path) -> None:
-    """Each entry point leads to the command of its name."""
     done = run(script, tmp_path)
     assert done.returncode == 0
     assert done.stdout.startswith(f"usage: {script} ")

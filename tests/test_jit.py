@@ -64,7 +64,6 @@ def test_a_copy_is_not_compiled_again(tmp_path: Path) -> None:
 
 
 def test_the_cache_is_the_users(tmp_path: Path) -> None:
-    """By default it is in the user's cache folder."""
     write_kernel(tmp_path, "caller", "x + 1")
     assert run(CALL, tmp_path, NUMBA_CACHE_DIR="", XDG_CACHE_HOME=str(tmp_path / "caches")) == ["1", "0"]
     assert list((tmp_path / "caches" / "dvc3d" / "kernels" / "caller").glob("*.nbi"))

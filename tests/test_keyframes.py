@@ -164,7 +164,6 @@ def test_predicted_pictures_are_small_and_do_not_drift() -> None:
 
 @pytest.mark.parametrize("luma_only", [False, True])
 def test_each_picture_of_a_chain_has_its_qp(luma_only: bool) -> None:
-    """All macroblocks have the requested QP; IDR pictures are three finer."""
     encoder = KeyFrameEncoder(*SIZE, 30, luma_only=luma_only, predicted=True)
     asked = (30, 20, 45, 10, 51, 2, 51, None, 31, 40, 41)
     pictures = [
@@ -370,7 +369,6 @@ def test_parameter_sets_are_those_of_the_twin() -> None:
     ],
 )
 def test_pictures_of_another_kind_are_refused(changes: dict[str, object], message: str) -> None:
-    """Before any is decoded: a decoder makes no room for what key frames do not need."""
     _, pps = split_sets(ENCODER.parameter_sets)
     sps = replace(Sps(), **changes).payload()  # type: ignore[arg-type]
     with pytest.raises(BitstreamError, match=f"^key frames: the parameter sets are damaged: .*{message}"):

@@ -104,7 +104,6 @@ def test_large_frames_need_bytes() -> None:
 
 
 def test_more_is_allowed_on_request() -> None:
-    """An option raises each limit, and lowers it as well."""
     data = bomb(352, 288, 250, 1)
     with (
         StreamReader(io.BytesIO(data)) as reader,

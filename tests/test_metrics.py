@@ -41,7 +41,6 @@ def test_psnr_of_extremes() -> None:
 
 
 def test_mean_psnr_is_the_mean_of_frames() -> None:
-    """The PSNR of a sequence is not that of its mean error."""
     assert mean_psnr_db([30.0, 40.0]) == 35.0
     assert mean_psnr_db([30.0, math.inf]) == math.inf
     with pytest.raises(ValueError, match="empty"):
@@ -49,7 +48,6 @@ def test_mean_psnr_is_the_mean_of_frames() -> None:
 
 
 def test_luma_weighs_most_in_colour() -> None:
-    """Six of eight parts are luma, one is each plane of chroma."""
     assert psnr_yuv_db(32.0, 40.0, 48.0) == 35.0
 
 
@@ -66,7 +64,6 @@ def test_ssim_orders_distortions() -> None:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_bd_agrees_with_another_implementation(seed: int) -> None:
-    """Both differences equal those of the `bjontegaard` package on random curves."""
     bjontegaard = pytest.importorskip("bjontegaard")
     rng = np.random.default_rng(seed)
     rate_a, psnr_a = random_curve(rng, 5)
@@ -82,7 +79,6 @@ def test_bd_agrees_with_another_implementation(seed: int) -> None:
 
 @given(factor=st.floats(0.2, 5))
 def test_scaled_rates_give_their_factor(factor: float) -> None:
-    """A curve with all rates multiplied differs by just that factor."""
     result = bd_rate(RATES, PSNRS_DB, [factor * rate for rate in RATES], PSNRS_DB)
     assert result.value == pytest.approx(100 * (factor - 1), abs=1e-6)
 
@@ -104,7 +100,6 @@ def test_shifted_psnr_gives_its_shift() -> None:
 
 @given(seed=st.integers(0, 10**6))
 def test_swapping_curves_inverts_the_ratio(seed: int) -> None:
-    """The saving of A against B is the loss of B against A."""
     rng = np.random.default_rng(seed)
     a, b = random_curve(rng, 4), random_curve(rng, 6)
     forward, backward = bd_rate(*a, *b).value, bd_rate(*b, *a).value
@@ -112,14 +107,12 @@ def test_swapping_curves_inverts_the_ratio(seed: int) -> None:
 
 
 def test_order_of_points_does_not_matter() -> None:
-    """Points may come in any order."""
     order = [3, 0, 4, 2, 1]
     shuffled = bd_rate([RATES[i] for i in order], [PSNRS_DB[i] for i in order], [50.0, 2000.0], [29.0, 38.0])
     assert shuffled == bd_rate(RATES, PSNRS_DB, [50.0, 2000.0], [29.0, 38.0])
 
 
 def test_dominated_points_are_left_out_and_counted() -> None:
-    """A point that costs more and is no better does not bend the curve."""
     plain = bd_rate(RATES, PSNRS_DB, RATES, PSNRS_DB)
     bent = bd_rate([*RATES, 400.0, 380.0], [*PSNRS_DB, 33.6, 20.0], RATES, PSNRS_DB)
     assert bent.value == plain.value == pytest.approx(0, abs=1e-12)
@@ -128,7 +121,6 @@ def test_dominated_points_are_left_out_and_counted() -> None:
 
 
 def test_rates_that_differ_by_rounding_are_one() -> None:
-    """The better of two points at one rate counts."""
     twice = bd_rate([100.00000000000001, 100.0, 200.0], [30.0, 29.0, 33.0], [100.0, 200.0], [30.0, 33.0])
     assert (twice.value, twice.num_points, twice.num_dropped) == (0.0, (2, 2), (1, 0))
     swapped = bd_psnr([100.0, 100.00000000000001, 200.0], [29.0, 30.0, 33.0], [100.0, 200.0], [30.0, 33.0])
@@ -136,7 +128,6 @@ def test_rates_that_differ_by_rounding_are_one() -> None:
 
 
 def test_disjoint_curves_are_refused() -> None:
-    """Curves without a common range are refused, even if the ends touch."""
     higher = [psnr + 10.9 for psnr in PSNRS_DB]
     with pytest.raises(RdCurveError, match="no PSNR in common"):
         bd_rate(RATES, PSNRS_DB, RATES, higher)
@@ -155,6 +146,5 @@ def test_disjoint_curves_are_refused() -> None:
     ],
 )
 def test_unusable_curves_are_refused(rates: list[float], psnrs: list[float], message: str) -> None:
-    """Too few points, rates of nothing and values that are not finite are named."""
     with pytest.raises(RdCurveError, match=message):
         bd_rate(RATES, PSNRS_DB, rates, psnrs)

@@ -47,7 +47,6 @@ def stream(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_frames_are_as_they_are_predicted(clip: Path, stream: Path, tmp_path: Path) -> None:
-    """The file is what is counted; nothing is asked for, in any number of processes."""
     report, video = decoded(stream, tmp_path, "--reference", str(clip))
     assert report["stream_bytes"] == stream.stat().st_size
     assert sum(report["bits"].values()) == 8 * report["stream_bytes"]

@@ -23,7 +23,6 @@ def rng() -> np.random.Generator:
 
 @pytest.mark.parametrize("channels", [1, 4])
 def test_planes_come_back(tmp_path: Path, rng: np.random.Generator, channels: int) -> None:
-    """Grey levels, and colours with opacity, are what was written."""
     plane = rng.integers(0, 256, (6, 5, channels), dtype=np.uint8).squeeze()
     write_png(tmp_path / "a.png", plane)
     found = read_plane(tmp_path / "a.png", channels, (6, 5))
@@ -58,7 +57,6 @@ def test_levels_are_not_rounded(tmp_path: Path, rng: np.random.Generator) -> Non
 )
 @pytest.mark.parametrize("content", [b"", b"\x89PNG\r\n", b"text"])
 def test_other_files_are_refused(tmp_path: Path, read: Callable[[Path], Any], content: bytes) -> None:
-    """What is no picture is told by name."""
     (tmp_path / "x.png").write_bytes(content)
     with pytest.raises(DvcError, match=r"x\.png"):
         read(tmp_path / "x.png")
@@ -84,14 +82,12 @@ def test_stated_sizes_are_bounded_before_decoding(tmp_path: Path, suffix: str) -
 
 
 def test_long_sides_are_refused(tmp_path: Path) -> None:
-    """Sides are bounded as those of frames, also in files with few pixels."""
     (tmp_path / "x.pgm").write_bytes(b"P5 16385 1 255\n" + bytes(16385))
     with pytest.raises(DvcError, match=r"x\.pgm: 16385x1 pictures are not supported"):
         read_levels(tmp_path / "x.pgm")
 
 
 def test_planes_of_other_kinds_are_refused(tmp_path: Path) -> None:
-    """Another size, another number of channels, and empty pictures to be written."""
     write_png(tmp_path / "a.png", np.zeros((3, 2), np.uint8))
     for channels, shape in ((1, (2, 3)), (4, (3, 2))):
         with pytest.raises(DvcError, match="not an eight-bit"):

@@ -261,7 +261,6 @@ def test_side_information_video_holds_what_was_predicted(clip: Path, buffered: R
 
 
 def test_reported_bits_are_the_size_of_the_punctured_file(buffered: Run) -> None:
-    """All bits of all frames add up to the file, and the rate follows from its size."""
     size = buffered.punctured.stat().st_size
     report = buffered.report
     assert sum(sum(bits.values()) for bits in buffered.bits) == 8 * size

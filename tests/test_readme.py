@@ -59,7 +59,6 @@ def run_shell(script: str, folder: Path) -> None:
 
 
 def test_shell_commands_of_the_readme_run(tmp_path: Path) -> None:
-    """They work, and files are as promised."""
     run_shell("\n".join(blocks("sh")).replace(":5000", f":{free_port()}"), tmp_path)
     assert (tmp_path / "small.dvc").stat().st_size < (tmp_path / "street.dvc").stat().st_size
     assert (tmp_path / "live.dvc").read_bytes() == (tmp_path / "small.dvc").read_bytes()
@@ -67,7 +66,6 @@ def test_shell_commands_of_the_readme_run(tmp_path: Path) -> None:
 
 
 def test_shell_commands_of_usage_run(tmp_path: Path) -> None:
-    """They go on with what those of the README have made."""
     made = r"dvc-sequences|dvc-encode street.mkv (street|no-feedback).dvc"
     before = [line for block in blocks("sh") for line in block.splitlines() if re.match(made, line)]
     assert len(before) == 3
@@ -78,7 +76,6 @@ def test_shell_commands_of_usage_run(tmp_path: Path) -> None:
 
 
 def test_shell_commands_for_experiments_run(tmp_path: Path) -> None:
-    """They need the video alone."""
     render = blocks("sh")[0].splitlines()[0]
     run_shell(
         "\n".join([render, *blocks("sh", USAGE[USAGE.index(EXPERIMENTS) : USAGE.index(ARRAYS)])]), tmp_path
@@ -87,19 +84,16 @@ def test_shell_commands_for_experiments_run(tmp_path: Path) -> None:
 
 
 def test_shell_commands_for_camera_arrays_run(tmp_path: Path) -> None:
-    """They make what they say."""
     run_shell("\n".join(blocks("sh", USAGE[USAGE.index(ARRAYS) :])), tmp_path)
     assert {"surfaces", "layers", "sprites", "toy.dibr", "flight.mp4", "toy.html"} < set(os.listdir(tmp_path))
 
 
 def test_commands_are_run_on_less() -> None:
-    """All that makes them quick is there to be replaced."""
     script = "".join([*blocks("sh"), *blocks("sh", USAGE)])
     assert all(large in script for large in SMALLER)
 
 
 def test_python_examples_run(capsys: pytest.CaptureFixture[str]) -> None:
-    """Each example runs as it stands."""
     examples = blocks("python")
     assert examples
     for example in examples:
@@ -128,7 +122,6 @@ def test_continuous_integration_runs_the_tests_of_the_readme() -> None:
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_links_lead_to_files(document: Path) -> None:
-    """Every relative link of a document names a file of the project."""
     text = document.read_text(encoding="utf-8")
     targets = re.findall(r"\]\((?!https?:)([^)#]+)", text)
     places = [(document.parent / target).resolve() for target in targets]
@@ -138,7 +131,6 @@ def test_links_lead_to_files(document: Path) -> None:
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_documents_name_modules_that_exist(document: Path) -> None:
-    """Every path and dotted name of a module in a document is one of the project."""
     text = document.read_text(encoding="utf-8")
     paths = re.findall(r"`((?:dvc|encoder|decoder|sfm|sequences|benchmarks|tests|docs)/[\w/.]*)`", text)
     missing = [path for path in paths if not (ROOT / path).exists()]
@@ -164,7 +156,6 @@ def test_documented_fields_are_written() -> None:
 
 
 def test_tour_has_every_package() -> None:
-    """Docs/tour.md lists all packages, to a depth of two."""
     text = (ROOT / "docs" / "tour.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\* `([\w/]+)/`: ", text, flags=re.MULTILINE)
     folders = {

@@ -27,7 +27,6 @@ def names(lines: list[str]) -> set[str]:
 
 
 def test_constraints_hold_all_that_results_rest_on(tmp_path: Path) -> None:
-    """Every package has one version, in what is kept and in what is written anew."""
     write_constraints(tmp_path / "new.txt")
     for path in (CONSTRAINTS, tmp_path / "new.txt"):
         lines = [line for line in path.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
@@ -38,7 +37,6 @@ def test_constraints_hold_all_that_results_rest_on(tmp_path: Path) -> None:
 
 
 def test_all_extras_of_users_are_in_one() -> None:
-    """`all` is what every command needs."""
     assert PROJECT["optional-dependencies"]["all"] == [f"dvc3d[{','.join(OF_USERS)}]"]
 
 
@@ -47,7 +45,6 @@ def test_all_extras_of_users_are_in_one() -> None:
 @pytest.mark.parametrize("constrained", [False, True], ids=["newest", "of the results"])
 @pytest.mark.parametrize("python", PYTHONS)
 def test_all_is_there_as_wheels(python: str, constrained: bool, tmp_path: Path) -> None:
-    """Nothing has to be compiled to install what the package needs."""
     command = [
         sys.executable,
         "-m",

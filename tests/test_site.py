@@ -47,7 +47,6 @@ def slugs(text: str) -> set[str]:
 
 
 def test_every_page_is_in_one_table_of_contents() -> None:
-    """Pages are reached from the first one, each by one way."""
     reached = [DOCS / "index.md"]
     for page in reached:
         reached += toctree(page)
@@ -56,7 +55,6 @@ def test_every_page_is_in_one_table_of_contents() -> None:
 
 
 def test_included_files_exist(site: dict[str, ModuleType]) -> None:
-    """What pages show of files elsewhere is there, and is shown."""
     for page in PAGES:
         for name in re.findall(r"^```\{(?:literal)?include\} (\S+)", page.read_text(), flags=re.MULTILINE):
             assert (page.parent / name).is_file()
@@ -68,7 +66,6 @@ def test_included_files_exist(site: dict[str, ModuleType]) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
 def test_links_lead_to_places(page: Path, site: dict[str, ModuleType]) -> None:
-    """Links of a page, as the site has it, lead to pages and to headings in them."""
     text = re.sub(r"^```.*?^```", "", site["sources"].page_text(page), flags=re.MULTILINE | re.DOTALL)
     for target, anchor in re.findall(r"\]\((?!https?:)([^)#\s]*)#?([^)\s]*)\)", text):
         file = (page.parent / target).resolve() if target else page
@@ -77,7 +74,6 @@ def test_links_lead_to_places(page: Path, site: dict[str, ModuleType]) -> None:
 
 
 def test_pages_are_small() -> None:
-    """All pages together, with the notes and changes that they show."""
     shown = [ROOT / "README.md", ROOT / "CHANGELOG.md", *PAGES]
     assert sum(page.stat().st_size for page in shown) <= MAX_BYTES
 
@@ -98,7 +94,6 @@ def test_commands_have_all_options(site: dict[str, ModuleType]) -> None:
 
 
 def test_reference_has_docstrings(site: dict[str, ModuleType]) -> None:
-    """Each name of docs/api.md is a link with a summary, and documented once."""
     text = (DOCS / "api.md").read_text(encoding="utf-8")
     names = site["reference"].names(text)
     assert len(names) > 100
@@ -117,7 +112,6 @@ def test_chapters_have_what_the_glossary_has(site: dict[str, ModuleType]) -> Non
 
 
 def test_broken_links_are_found(site: dict[str, ModuleType], tmp_path: Path) -> None:
-    """Links to missing files and places, and what is loaded from elsewhere, are told."""
     (tmp_path / "a.html").write_text(
         '<a href="b.html#there">1</a><a href="b.html#not">2</a><a href="c.html">3</a><a href="#own">4</a>'
         '<h1 id="own">x</h1><a href="https://example.org">5</a><img src="https://example.org/x.png">'

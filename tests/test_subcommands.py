@@ -25,7 +25,6 @@ def _module() -> ModuleType:
 
 
 def test_modules_are_subcommands(capsys: pytest.CaptureFixture[str]) -> None:
-    """A module is run under its name; the help of both levels describes it."""
     main = subcommands.command("tool", "A tool.", "  tool merge x\n", subcommands.by_name([_module()]))
     assert main(["merge", "a", "b", "c"]) == 3
     assert main(["merge", "a", "--lattice", "-1,0", "0,0"]) == 1

@@ -80,7 +80,6 @@ def test_times_are_reported_and_cost_a_byte_or_two_a_frame(tmp_path: Path, strea
 
 
 def test_segments_of_a_recording_keep_the_times_between_them(tmp_path: Path, phone: Path) -> None:
-    """Each alone begins with its first frame; all together are the recording."""
     options = (*CODING, "--segment", "0.2")
     assert encoder.__main__.main([str(phone), str(tmp_path / "day.dvc"), *options]) == 0
     assert len(list(tmp_path.iterdir())) > 3

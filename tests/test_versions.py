@@ -31,7 +31,6 @@ def digest(folder: Path) -> str:
     ],
 )
 def test_edits(file: str, counts: bool, tmp_path: Path) -> None:
-    """A copy has the digest of the original until a file of the codec is edited."""
     for package in CODEC:
         shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
     before = digest(tmp_path)

@@ -25,7 +25,6 @@ def test_rates_are_compared_at_equal_quality() -> None:
 
 
 def test_table_has_a_line_per_point(capsys: pytest.CaptureFixture[str]) -> None:
-    """Each point of the codec has its savings against each anchor."""
     own = curve("3d-te", [50.0, 90.0])
     anchors = {
         "x264 medium": curve("x264 medium", [100.0, 180.0]),

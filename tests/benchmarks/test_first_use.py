@@ -14,7 +14,6 @@ ROOT = Path(__file__).resolve().parents[2]
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_first_use(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """The wheel of this tree, installed and used, holds Python and data only."""
     options = ["--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", str(tmp_path)]
     subprocess.run([sys.executable, "-m", "pip", "wheel", *options, "."], cwd=ROOT, check=True)
     (wheel,) = tmp_path.glob("*-py3-none-any.whl")

@@ -53,7 +53,6 @@ def _complaint(stream: bytes) -> str:
 
 
 def test_records_of_a_stream_are_found() -> None:
-    """The records of a stream follow each other without a gap."""
     stream = material.material().buffered
     spans = mutations.record_spans(stream)
     assert [kind for kind, _, _ in spans] == [1, *[RecordType.GOP] * NUM_GOPS, 3]
@@ -62,7 +61,6 @@ def test_records_of_a_stream_are_found() -> None:
 
 
 def test_mended_records_pass_their_checksums() -> None:
-    """Damage with a mended checksum is never refused for its checksum."""
     stream = material.material().punctured
     for seed in range(40):
         damaged = mutations.mutate_record(stream, np.random.default_rng(seed))
@@ -90,21 +88,18 @@ def test_mended_streams_with_depth_pass_their_checksums(kind: str) -> None:
 
 
 def test_parts_of_a_depth_image_are_found() -> None:
-    """The edges of a stream begin after its header."""
     stream = depth_streams.good_depth_images()[5]
     start, parts = depth_streams.parts_of(stream)
     assert stream[start : start + len(parts.edges)] == parts.edges != b""
 
 
 def test_mutations_depend_on_their_number_alone() -> None:
-    """Equal numbers give equal damage, different ones different damage."""
     damaged = [mutations.mutate(bytes(range(200)), np.random.default_rng(seed)) for seed in (1, 1, 2)]
     assert damaged[0] == damaged[1] != damaged[2]
     assert mutations.mutate(b"", np.random.default_rng(0))
 
 
 def test_random_messages_have_a_type_and_their_length() -> None:
-    """Payloads of nothing reach the decoders of all messages."""
     types = set()
     for seed in range(100):
         message = mutations.random_message(np.random.default_rng(seed))
@@ -115,7 +110,6 @@ def test_random_messages_have_a_type_and_their_length() -> None:
 
 
 def test_enlarged_headers_pass_their_checksums() -> None:
-    """Huge frames, groups and numbers of points are read as the header says."""
     stream = material.material().buffered
     sizes = set()
     for seed in range(40):
@@ -136,14 +130,12 @@ def test_mutations_do_no_harm(kind: str) -> None:
 
 @pytest.mark.parametrize("name", sorted(f"{path.parent.name}/{path.name}" for path in FINDS.glob("*/*")))
 def test_finds_do_no_harm_any_more(name: str) -> None:
-    """Earlier finds are refused or decoded."""
     kind, _, _ = name.partition("/")
     assert attempts.kinds()[kind].outcome((FINDS / name).read_bytes()) in batches.GOOD
 
 
 @pytest.mark.parametrize("codec", ["2d", "3d-te", "3d-td"])
 def test_what_is_mutated_is_good(codec: str) -> None:
-    """Both forms of the streams decode to the expected frames."""
     made = material.material(codec)
     for stream in (made.buffered, made.punctured):
         good = nullcontext((stream, made.groups)).__enter__
@@ -151,7 +143,6 @@ def test_what_is_mutated_is_good(codec: str) -> None:
 
 
 def test_harm_is_told() -> None:
-    """A hang, an allocation, a traceback and a lost group are failures."""
 
     def harm(damaged: bytes) -> str:
         if damaged == b"3":
@@ -167,7 +158,6 @@ def test_harm_is_told() -> None:
 
 
 def test_time_and_memory_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Time and memory beyond the limits of a size end a mutation."""
     kind = attempts.Kind(lambda _: b"", lambda _: str(np.ones(2**30)[-1]), num_pixels=1)
     assert batches.outcome_of(kind, b"").startswith("allocation")
     monkeypatch.setattr(batches, "max_seconds", lambda _: 0.01)
@@ -221,7 +211,6 @@ def test_command_tells_outcomes_by_kinds(
 
 
 def test_a_process_that_says_nothing_is_killed() -> None:
-    """Compiled code that hangs does not notice an alarm."""
     barked = Event()
     watchdog = batches.Watchdog(barked.set)
     watchdog.feed(0.01)

@@ -61,7 +61,6 @@ def test_similar_trajectories_have_no_error() -> None:
 
 
 def test_error_is_that_of_the_centres() -> None:
-    """Frames that are off by a known distance, to both sides, give it back."""
     truth = {k: pose_of(k) for k in range(40)}
     own = {
         k: pose - pose[:, :3] @ [[0, 0, 0, 0], [0, 0, 0, 0.01 * (-1) ** k], [0, 0, 0, 0]]

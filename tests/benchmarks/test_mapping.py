@@ -39,7 +39,6 @@ def test_a_clip_is_measured_as_it_is_decoded(capsys: pytest.CaptureFixture[str],
 
 
 def test_every_second_frame_keeps_its_own_truth() -> None:
-    """Numbers of frames are those that are left."""
     frames = [Frame(np.full((4, 4), k, np.uint8)) for k in range(5)]
     poses = {k: np.full((3, 4), float(k)) for k in range(5)}
     found = every(Clip(frames, poses, {2: np.ones((4, 4), np.float32)}), 2)
@@ -49,7 +48,6 @@ def test_every_second_frame_keeps_its_own_truth() -> None:
 
 
 def test_a_view_is_rendered_without_its_own_picture() -> None:
-    """Its neighbours on both sides, or only the nearest, determine it."""
     frames = [Frame(np.full((16, 16), 60 + k, np.uint8)) for k in range(17)]
     poses = {k: np.column_stack([np.eye(3), [0.001 * k, 0.0, 0.0]]) for k in range(17)}
     depths = {k: np.full((16, 16), 2.0, np.float32) for k in (0, 8, 16)}
@@ -61,7 +59,6 @@ def test_a_view_is_rendered_without_its_own_picture() -> None:
 
 
 def test_depth_of_another_camera_is_seen_through_the_own_one() -> None:
-    """Its picture is scaled by the focal lengths; unseen pixels are unknown."""
     measured = np.full((20, 20), 3.0, np.float32)
     measured[10, 14] = 2.0
     clip = Clip([], {}, {0: measured}, np.array([[20.0, 0, 10], [0, 20, 10], [0, 0, 1]]))

@@ -19,20 +19,17 @@ START = "import subprocess, sys; subprocess.run([sys.executable, '-c', {code!r}]
 
 
 def test_memory_of_what_a_command_starts_counts() -> None:
-    """One process holds much memory, and its parent some more."""
     peak = watched([sys.executable, "-c", START.format(code=HOLD.format(mib=200))])
     assert 200 * MIB < peak.process < 260 * MIB
     assert peak.process < peak.tree < 2 * peak.process
 
 
 def test_a_command_that_fails_is_no_measurement() -> None:
-    """The error has its status."""
     with pytest.raises(DvcError, match="ended with status 3"):
         watched([sys.executable, "-c", "raise SystemExit(3)"])
 
 
 def test_a_process_that_is_gone_has_no_memory() -> None:
-    """It may end at any time; this one is there."""
     assert resident_bytes(2**22 + 1) == (0, 0)
     assert os.getpid() in list(processes(os.getpid()))
     now, most = resident_bytes(os.getpid())
@@ -40,7 +37,6 @@ def test_a_process_that_is_gone_has_no_memory() -> None:
 
 
 def test_the_ratio_is_that_of_the_longest_to_the_shortest() -> None:
-    """Both columns have a ratio."""
     lines = table({5: Peak(100 * MIB, 200 * MIB), 50: Peak(110 * MIB, 300 * MIB)}).splitlines()
     assert [line.split() for line in lines[1:]] == [
         ["5", "100", "200"],
@@ -50,7 +46,6 @@ def test_the_ratio_is_that_of_the_longest_to_the_shortest() -> None:
 
 
 def test_two_lengths_of_a_clip_are_decoded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Real processes decode lengths in any order."""
     with create_video(tmp_path / "clip.mkv", (48, 32), Fraction(25)) as writer:
         for frame in moving_texture(3, 32, 48):
             writer.write(frame)

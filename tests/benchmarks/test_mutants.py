@@ -29,7 +29,6 @@ CHANGED = {
 
 
 def test_sources_change_in_one_place() -> None:
-    """Only code that computes changes: not messages, types, and decorators."""
     found = list(changes("clipped.py", SOURCE))
     assert {change.operator for change in found} == set(OPERATORS)
     sources = [change.applied(SOURCE).decode() for change in found]
@@ -43,7 +42,6 @@ def test_sources_change_in_one_place() -> None:
 
 @pytest.mark.parametrize("named", NAMED, ids=lambda named: named.line)
 def test_named_changes_apply(named: Named) -> None:
-    """Each changes one line of a package with tests."""
     change = named_change(named, ROOT)
     source = (ROOT / change.path).read_bytes()
     assert change.applied(source) != source
@@ -51,7 +49,6 @@ def test_named_changes_apply(named: Named) -> None:
 
 
 def test_draws_are_repeated() -> None:
-    """Equal seeds give equal changes; every package has tests."""
     first = drawn(20, 1)
     assert first == drawn(20, 1)
     assert first != drawn(20, 2)

@@ -90,7 +90,6 @@ def test_points_come_back_to_their_pixels() -> None:
 
 
 def test_depth_counts_in_one_scale() -> None:
-    """Half as deep everywhere is right; six per cent off and unknown ones are not."""
     truth = np.array([[2.0, 4.0, 6.0, 8.0, np.inf, 10.0]])
     depth = 0.5 * truth * [1.0, 1.04, 1.1, 1.0, 1.0, np.nan]
     both = np.array([[True, True, True, False, True, False]])

@@ -51,7 +51,6 @@ def test_bytes_take_their_time_both_ways() -> None:
 
 
 def test_an_answer_waits_for_both_delays() -> None:
-    """A byte and its answer take twice the delay."""
     with linked() as (_, near, far):
         started = time.monotonic()
         near.sendall(b"?")
@@ -62,7 +61,6 @@ def test_an_answer_waits_for_both_delays() -> None:
 
 
 def test_many_bytes_wait_for_one_delay(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Bytes that enter while earlier ones are on their way have the same delay."""
     now_s = 0.0
 
     class Clock:
@@ -85,7 +83,6 @@ def test_many_bytes_wait_for_one_delay(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_ends_close_one_after_the_other() -> None:
-    """After one end has closed its way, the other sees the end, and can still answer."""
     with linked() as (_, near, far):
         near.shutdown(socket.SHUT_WR)
         assert far.recv(1) == b""

@@ -21,7 +21,6 @@ def clip(tmp_path: Path, moving_frames: Callable[..., list[Frame]]) -> Path:
 
 
 def test_short_clips_are_played_back_and_forth(clip: Path, tmp_path: Path) -> None:
-    """One that is long enough stays as it is."""
     assert speed.source_of(str(clip), 3, tmp_path) == clip
     with open_video(clip) as reader, open_video(speed.source_of(str(clip), 6, tmp_path)) as long:
         short = [frame.luma.tobytes() for frame in reader]
@@ -42,7 +41,6 @@ def test_a_run_over_a_link_tells_its_figures(
 
 
 def test_a_link_has_both(capsys: pytest.CaptureFixture[str]) -> None:
-    """Delay without bandwidth is no link."""
     with pytest.raises(SystemExit):
         speed.main(["box", "--delay", "0.1"])
     assert "--bandwidth" in capsys.readouterr().err

@@ -11,7 +11,6 @@ from benchmarks.stages import REST, STAGES, Clock, table, watch
 
 
 def test_time_counts_for_the_innermost_stage(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Calls of another stage count there, and the rest for neither."""
     now_s = 0.0
 
     def passing(seconds: float) -> Callable[[], None]:
@@ -35,7 +34,6 @@ def test_time_counts_for_the_innermost_stage(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_stages_are_functions_that_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    """All of them are watched."""
     timed: list[str] = []
 
     class Noting(Clock):

@@ -218,7 +218,6 @@ def test_other_forms_and_kinds_are_refused(values: list[Any], message: str) -> N
 
 
 def test_longer_forms_are_refused() -> None:
-    """An array or number with more bytes than it needs."""
     assert encode_config(DEFAULT) == bytes.fromhex("91 94 cc b0 cc 90 0f 01")
     for longer in ("dc 00 01 94 cc b0 cc 90 0f 01", "91 94 cd 00 b0 cc 90 0f 01"):
         with pytest.raises(BitstreamError, match="one form"):

@@ -143,7 +143,6 @@ def test_importing_the_configuration_is_quick() -> None:
 
 
 def test_the_default_of_the_library_is_the_codec_that_is_advertised() -> None:
-    """The default is the best codec at the usual quality, in a file with all planes."""
     assert CodecConfig(QCIF) == codec_config(QCIF) == codec_config(QCIF, "3d-te", Qp(30))
 
 

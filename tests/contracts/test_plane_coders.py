@@ -22,7 +22,6 @@ class TestCoders(PlaneCoderContract):
         return coder
 
     def test_hopeless_planes_are_sent_plainly(self, coder: PlaneCoder) -> None:
-        """Without any prior knowledge the plane is requested uncoded, without any check."""
         bits = np.random.default_rng(1).integers(0, 2, 400, dtype=np.uint8)
         result = exchange(bits, np.zeros(400), coder)
         assert (result.parity_bits, result.crc_bits, result.num_requests) == (400, 0, 1)

@@ -247,7 +247,6 @@ def test_wrong_runs_are_corrected_by_the_check(success: bool) -> None:
 def test_wishes_that_are_too_long_together_are_divided(
     monkeypatch: pytest.MonkeyPatch, most: int, runs: list[list[tuple[int, tuple[int, ...]]]]
 ) -> None:
-    """Into runs of so many bits, or one wish; they go on side by side."""
     monkeypatch.setattr(wyner_ziv, "MAX_RUN_BITS", most)
     frames = Frames.drawn({4: 3, 5: 1, 6: 2}, 100)
     encoder, rounds = Encoder(frames), list[int]()

@@ -219,7 +219,6 @@ def test_bits_are_asked_for_in_areas_that_are_badly_predicted() -> None:
 
 
 def test_a_frame_whose_means_are_right_is_decoded(original: Frame) -> None:
-    """If nothing is asked for of DC, bands of later stages are decoded as always."""
     config = _learning(embedded_config(), "cascade")
     bands = transform.forward(original.luma)
     bands[1:] += np.random.default_rng(3).laplace(0.0, 20.0, bands[1:].shape)

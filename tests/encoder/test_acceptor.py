@@ -111,7 +111,6 @@ def test_many_strangers_do_not_lock_a_decoder_out(protections: tuple[Protection,
 
 
 def test_rejections_are_counted_if_there_are_many(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first are logged one by one; later ones as their number doubles."""
     monkeypatch.setattr(acceptor, "MAX_LINES", 3)
     with opened() as (_, address, lines):
 

@@ -86,7 +86,6 @@ def test_descents_stop_in_time(max_steps: int) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_points_follow_the_nearest_that_is_found(seed: int, choose: Choose) -> None:
-    """The first of equals, whatever the order was in which points were found."""
     offer = choose(_kernels.offer_motion)
     rng = np.random.default_rng(seed)
     first = rng.integers(0, [6, 16384], (30, 2))

@@ -143,7 +143,6 @@ def test_memory_is_the_encoder_s_own() -> None:
 
 
 def test_operations_are_those_of_the_frames() -> None:
-    """Stages of the model are for a pixel of all frames, by what the run counted."""
     session = session_of(luma_only=True)
     session.write(FRAMES[:5], io.BytesIO(), lambda _: None)
     counted, share = session.statistics, 2 / 5

@@ -110,7 +110,6 @@ def test_large_frames_take_no_more_memory_unless_a_group_does() -> None:
 
 
 def test_a_silent_source_holds_up_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Who closes the queue is told that a read goes on, and does not wait for it."""
     monkeypatch.setattr("encoder.frame_queue.MAX_CLOSING_S", 0.05)
     source = Source()
     queue = FrameQueue(source, 10)
@@ -154,7 +153,6 @@ def test_runs_of_frames_are_taken_as_they_come(codec: str) -> None:
 
 
 def test_a_group_can_be_read_once_it_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Or when the queue is full, or the source has ended; the check does not wait."""
     monkeypatch.setattr("encoder.frame_queue.MAX_CLOSING_S", 0.05)
     short = FrameQueue(FRAMES[:2], 5)
     wait_until(lambda: short.holds(3))

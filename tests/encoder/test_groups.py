@@ -131,7 +131,6 @@ def test_groups_end_where_prediction_does_not_serve(lengths: Sequence[int], size
     ("name", "most"), [("ALONE_COST", 1), ("SHORT_COST", 4)], ids=["two singles", "a group of four"]
 )
 def test_costs_end_groups_without_feedback(name: str, most: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """If any error is too much; where a decoder asks, nothing is decided."""
     for constant in ("ALONE_COST", "SHORT_COST"):
         monkeypatch.setattr(spacing, constant, 0.0 if constant == name else np.inf)
     frames = [Frame(frame.luma ^ (8 * (index % 2))) for index, frame in enumerate(SLOW[:9])]
@@ -147,7 +146,6 @@ def test_costs_end_groups_without_feedback(name: str, most: int, monkeypatch: py
 
 @pytest.mark.parametrize(("num_same", "predicted"), [(6, True), (5, False)], ids=["same", "other scene"])
 def test_a_last_frame_alone_is_a_key_frame(num_same: int, predicted: bool) -> None:
-    """Predicted, unless it begins another scene; no tracks are sent of it."""
     frames = SLOW[:num_same] + moving_texture(6 - num_same, 96, 128, seed=8)
     session = EncoderSession(codec_config(VideoConfig(128, 96, 25, 1), gop={"length": 4}))
     records = [session.encode(group).record for group in session.groups(frames)]
@@ -251,7 +249,6 @@ def test_stream_carries_tracks_or_points(codec: str) -> None:
 
 
 def test_stream_carries_new_tracks(tmp_path: Path) -> None:
-    """Points that enter the frame reach the decoder, unless the command wants none."""
     clip = write_clip(tmp_path / "clip.mkv", moving_texture(11, 96, 128, (0.0, 5.0)))
     numbers = []
     for count in ("0", "3", "40"):

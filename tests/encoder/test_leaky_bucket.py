@@ -56,7 +56,6 @@ def deviations(lengths: list[int], bits: list[float]) -> list[float]:
 @settings(max_examples=50)
 @given(LENGTHS, st.randoms(use_true_random=False))
 def test_a_window_has_its_bitrate(lengths: list[int], random: st.DataObject) -> None:
-    """Groups differ by up to an octave; no window is off by more than is allowed."""
     bucket, bits = LeakyBucket(BITS_PER_S, FRAME_RATE), []
     for length in lengths:
         complexity = 2.0 ** random.uniform(-0.5, 0.5)  # type: ignore[attr-defined]

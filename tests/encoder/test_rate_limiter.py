@@ -116,7 +116,6 @@ def test_only_a_live_decoder_is_told_what_it_may_ask_for(limits: RateLimits) -> 
 @pytest.mark.parametrize("bits_per_s", [None, 20_000])
 @pytest.mark.parametrize("most_bits", [1, 500, 2000])
 def test_frames_may_take_no_more_than_the_limit_on_the_mean(bits_per_s: int | None, most_bits: int) -> None:
-    """Headers count; frames whose headers alone take more are asked for nothing."""
     limits, layout = RateLimits(bits_per_s, most_bits), FrameLayout.of(CONFIG)
     frames = moving_texture(4, 16, 16)
     planes = tuple(EncodedFrame.of(layout, frame.luma, 8.0) for frame in frames[:3])
@@ -136,7 +135,6 @@ def test_limits_are_for_those_who_choose_what_is_sent() -> None:
 
 @given(st.lists(st.floats(0.0, 900_000.0), min_size=1, max_size=16))
 def test_frames_together_are_told_what_is_allowed(allowed: list[float]) -> None:
-    """Never more; what codes of one frame leave goes to those that follow."""
     told = [LENGTHS[code[0]] for code in _limit_codes(allowed)]
     assert len(told) == len(allowed)
     assert sum(told) <= sum(allowed) + 1e-6

@@ -43,7 +43,6 @@ def coded(
 def test_times_come_back_to_the_tick(
     rate: Fraction, clock: int, start: int, steps: list[int], lengths: list[int]
 ) -> None:
-    """Whatever the rate; of groups that are a tick off or more they are exact."""
     ticks = list(accumulate(steps, initial=start))
     stamps = [TimeStamp(tick, clock) for tick in ticks]
     times_s, sent = coded(CodingClock(rate), rate, stamps, lengths)
@@ -56,7 +55,6 @@ def test_times_come_back_to_the_tick(
 
 @given(rate=rates, clock=clocks, count=st.integers(1, 40), start=st.integers(0, 1000))
 def test_a_constant_rate_costs_nothing(rate: Fraction, clock: int, count: int, start: int) -> None:
-    """A container rounds its times; so do some down."""
     for rounded in (round, int):
         stamps = [TimeStamp(start + rounded(number / rate * clock), clock) for number in range(count)]
         assert set(coded(CodingClock(rate), rate, stamps)[1]) == {None}

@@ -151,7 +151,6 @@ def as_data(values: Any, tally: Tally, *plain: str) -> Any:
 
 
 def test_regression() -> None:
-    """A position that is predicted from eight neighbours, and what is learnt from it."""
     count, sides, tally = 12, (100, 100), Tally()
     first = RNG.uniform(20, 80, (count, 2))
     neighbours, weights = np.empty((count, NUM_NEIGHBOURS), np.int64), np.zeros((count, NUM_NEIGHBOURS))

@@ -92,7 +92,6 @@ def coded(coder: RangeCoder, counts: Counts, numbers: list[int], twin: bool = Fa
 @pytest.mark.nojit
 @given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 1)), max_size=150), st.integers(1, 99))
 def test_contexts_count_as_documented(decisions: list[tuple[int, int]], percent: int) -> None:
-    """Probabilities, their fading and the bytes are those of the plain twin."""
     counts, contexts = context_counts([percent] * 3), [reference.Context(percent) for _ in range(3)]
     writer, parts = RangeCoder.writer(), []
     for k, decision in decisions:
@@ -141,7 +140,6 @@ def test_any_bytes_are_numbers_or_refused(data: bytes, count: int) -> None:
 
 
 def test_exponents_without_end_are_refused() -> None:
-    """Data that say more and more are damaged, not a hang."""
     reader = RangeCoder.reader(b"\xff\xff\xff\x00" * 20)
     coded(reader, fresh(99), [0] * 5)
     with pytest.raises(BitstreamError, match="damaged"):
@@ -157,7 +155,6 @@ def test_numbers_that_are_too_large_have_no_bytes(number: int) -> None:
 
 
 def test_adaptation_comes_near_the_entropy() -> None:
-    """Numbers of a distribution that was not expected cost little more than it says."""
     rng = np.random.default_rng(2)
     numbers = np.rint(rng.laplace(scale=1.5, size=6000)).astype(int)
     writer = RangeCoder.writer()

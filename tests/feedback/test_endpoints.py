@@ -250,7 +250,6 @@ def finish(encoder: EncoderEndpoint, decoder: DecoderEndpoint) -> None:
 
 
 def test_a_decoder_continues_after_the_groups_that_it_names() -> None:
-    """Groups and frames are numbered in the sequence, and requests name frames so."""
     encoder, decoder = EncoderEndpoint(CONFIG), DecoderEndpoint(ID, 2, 5, b"token")
     assert encoder.receive(decoder.bytes_to_send()) == [Hello(PROTOCOL_VERSION, ID, 2, b"token")]
     encoder.send_welcome(first_frame=5)

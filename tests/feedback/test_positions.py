@@ -372,7 +372,6 @@ def test_a_plane_is_in_one_run(more: Part) -> None:
 
 
 def test_bits_of_a_run_are_those_of_all_its_frames() -> None:
-    """As many as the planes of all of them have, but never more than a run may have."""
     account, begun = opened(CONFIG, 4), (Part(0, (0, 5)), Part(2, (1,)))
     enter(account, ParityRequest(1, 0, "uncoded", 0, 0, 3 * NUM_BITS, begun=begun))
     account.answer()

@@ -92,7 +92,6 @@ def test_waiting_ends_in_time_or_with_bytes() -> None:
 
 
 def test_waiting_ends_with_a_stop() -> None:
-    """A signal is noticed while nothing comes, and while nothing can be sent."""
     with listen() as listener:
         stop, stopping = socket.socketpair()
         with stop, stopping:
@@ -163,7 +162,6 @@ def test_a_peer_that_goes_away_is_noticed() -> None:
 
 
 def test_last_words_arrive_though_bytes_wait() -> None:
-    """A failure is read by the peer even if what it sent was not read before closing."""
     with pair() as (near, far):
         far.send(bytes(100000))
         near.send(encode_message(Failure("enough")))

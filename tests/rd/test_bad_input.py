@@ -153,7 +153,6 @@ def test_processes_have_one_thread(tmp_path: Path) -> None:
 
 
 def test_stopping_processes_that_have_ended() -> None:
-    """A process that has just ended does not prevent the end of the other processes."""
     processes = ProcessGroup()
     child = subprocess.Popen([sys.executable, "-c", ""], start_new_session=True)
     child.wait()

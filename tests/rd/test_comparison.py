@@ -131,7 +131,6 @@ def test_several_crossings() -> None:
     st.lists(st.tuples(st.floats(1, 1e4), st.floats(10, 60)), min_size=1, max_size=6),
 )
 def test_crossings_of_any_curves(a: list[tuple[float, float]], b: list[tuple[float, float]]) -> None:
-    """Crossings increase, alternate, and lie within the rates of both curves."""
     pieces = crossings_kbps(_curve(*a), _curve(*b))
     rates = [rate for rate, _ in pieces]
     assert rates == sorted(rates)

@@ -12,7 +12,6 @@ def _git(folder: Path, *command: str) -> None:
 
 
 def test_only_changes_of_the_codec_make_a_commit_dirty(tmp_path: Path) -> None:
-    """Code outside a repository, or that it does not track, has no commit."""
     source, notes = tmp_path / "code" / "dvc" / "__init__.py", tmp_path / "code" / "notes.md"
     source.parent.mkdir(parents=True)
     source.write_text("")

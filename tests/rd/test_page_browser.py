@@ -114,7 +114,6 @@ def test_anchor_changes_the_verdict(page: Page) -> None:
 
 
 def test_frames_follow_the_choice(page: Page) -> None:
-    """A single point shows its decoded frames and both kinds of side information."""
     select = page.locator('[data-view="street"]')
     select.scroll_into_view_if_needed()
     plots = page.locator('[data-frames="street"]')

@@ -100,7 +100,6 @@ def test_frames_and_shares() -> None:
 
 
 def test_side_information_prefers_lossless_keys() -> None:
-    """If points with lossless key frames exist, the table has only these."""
     lossy = result_data(60.0, 30.0)
     lossless = result_data(600.0, 40.0, key={"qp": 0, "lossless": True})
     lossless["totals"] |= {"si_psnr_y_db": 33.0}
@@ -179,7 +178,6 @@ def test_pictures_outside_the_folder_are_not_read(tmp_path: Path) -> None:
 
 
 def test_pictures_keep_to_their_room(many: Path) -> None:
-    """Fewer points are shown if they have little room; a missing picture is counted."""
     results = read_folders([many]).results
     found = experiments(results)
     full, tight = build_gallery(found, 10**7), build_gallery(found, 20_000)
@@ -194,7 +192,6 @@ def test_pictures_keep_to_their_room(many: Path) -> None:
 
 
 def test_command_writes_both_reports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """By default the page and the Markdown with its plots; `--out` names one of them."""
     folder = write_results(tmp_path / "a")
     assert command.main(["report", str(folder), "--against", "2D"]) == 0
     names = [Path(line).name for line in capsys.readouterr().out.split()]

@@ -129,7 +129,6 @@ def test_text_counts_proven_streams() -> None:
 
 
 def test_rate_costs_are_means_over_common_sequences(tmp_path: Path) -> None:
-    """Means are over the sequences that have both of a codec and of the reference."""
     results = read_results(write_results(tmp_path / "a"))
     times = {"2d": 0.006, "h264-intra": 0.003}
     results = [replace(one, times=replace(one.times, coding_cpu_s=times[one.codec])) for one in results]

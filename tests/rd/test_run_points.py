@@ -183,7 +183,6 @@ def test_interrupted_process_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_scene_is_rendered_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Other processes wait while a scene is being rendered, unless they are stopped."""
     monkeypatch.setattr(originals, "catalogue", lambda *_: {"name": "box", "path": None})
     rendered: list[str] = []
 

@@ -51,7 +51,6 @@ def test_any_text_is_numbers_or_refused(text: str) -> None:
 
 @pytest.mark.parametrize("word", ["wz-q=3", "quiet", "=x", "--coder=turbo", "Turbo", "json=x"])
 def test_options_of_the_experiment_itself_are_refused(word: str) -> None:
-    """An option that the experiment sets, or that is none, raises ConfigError."""
     with pytest.raises(ConfigError, match="cannot be given"):
         parse_options([word])
 

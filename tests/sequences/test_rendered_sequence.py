@@ -30,7 +30,6 @@ def short(**options: int) -> RenderedSequence:
 
 
 def test_sequence_keeps_the_reader_protocol() -> None:
-    """A sequence has an info, yields its frames once, and nothing after it is closed."""
     sequence = short()
     assert sequence.info.size == (32, 25)
     assert (sequence.info.frame_rate, sequence.info.num_frames) == (Fraction(30), 5)
@@ -132,7 +131,6 @@ def test_depth_and_cameras_explain_the_pictures() -> None:
 
 
 def test_command_writes_pictures_depth_and_cameras(tmp_path: Path) -> None:
-    """The folder is an input of `dvc-stereo`."""
     folder = tmp_path / "toy"
     assert main(["render", "toy", "--out", str(folder), "--size", "32x24"]) == 0
     cameras = json.loads((folder / "cameras.json").read_text())
@@ -155,7 +153,6 @@ def test_options_of_videos_are_refused(
 
 @given(arrays(np.float32, array_shapes(min_dims=2, max_dims=2, max_side=9)))
 def test_pfm_round_trip(tmp_path_factory: pytest.TempPathFactory, plane: np.ndarray) -> None:
-    """Any plane, with inf and nan, comes back; a positive scale means big-endian."""
     path = tmp_path_factory.getbasetemp() / "plane.pfm"
     write_pfm(path, plane)
     np.testing.assert_array_equal(read_pfm(path), plane)

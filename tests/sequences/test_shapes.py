@@ -48,7 +48,6 @@ def test_solids_face_outwards(name: str) -> None:
 
 
 def test_boxes_have_the_area_of_their_sides() -> None:
-    """Six sides, each of two triangles; an inset makes the top smaller."""
     plain, inset = (
         0.5 * np.linalg.norm(face_normals(SOLIDS[name]), axis=1).sum() for name in ("box", "inset box")
     )

@@ -116,7 +116,6 @@ def test_statue_hides_much_of_the_square() -> None:
 
 
 def test_sky_is_infinitely_far_and_turns_with_the_camera() -> None:
-    """Sky has depth inf, and its motion is that of a pure rotation."""
     street = scene("street")
     pairs = correspondences(street, 0, 5, None, *SIZE)
     sky = np.isinf(pairs.depth_a)

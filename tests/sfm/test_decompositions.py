@@ -54,7 +54,6 @@ def test_vectors_of_gram_matrices_are_eigenvectors() -> None:
 
 
 def test_roots_are_those_of_numpy() -> None:
-    """Real ones in rising order; cubics with one have nothing else."""
     coefficients = np.random.default_rng(3).normal(size=(300, 4))
     found = real_roots(coefficients)
     counts = set()

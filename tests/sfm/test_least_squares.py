@@ -38,7 +38,6 @@ def test_the_minimum_is_found(start: tuple[float, float]) -> None:
 
 
 def test_it_never_gets_worse() -> None:
-    """However few the steps, and without any try at all, the cost does not rise."""
     start = np.array([-1.2, 1.0])
     costs = [
         Valley().cost(levenberg_marquardt(Valley(), start, Damping(1e-3, 0.0, tries), steps))
@@ -49,7 +48,6 @@ def test_it_never_gets_worse() -> None:
 
 
 def test_solve_damped_agrees_with_a_library() -> None:
-    """Regular systems are solved; in singular ones what is not determined stays zero."""
     rng = np.random.default_rng(0)
     rows = rng.normal(size=(30, 12))
     matrix, right = rows.T @ rows, rng.normal(size=12)

@@ -128,7 +128,6 @@ def test_bad_input_ends_in_one_line(
 
 
 def test_pictures_show_points_and_lines() -> None:
-    """Points are red, motions magenta, lines green; odd points do no harm."""
     luma = np.full((40, 60), 128, np.uint8)
     first = np.array([[10.0, 10.0], [30.0, 20.0], [1e12, -5.0]])
     matches = Correspondences(first, first + np.array([8.0, 0.0]), np.zeros(3))

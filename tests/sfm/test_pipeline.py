@@ -97,7 +97,6 @@ def test_the_seed_decides(backend: str) -> None:
 @pytest.mark.parametrize("backend", SFM_BACKENDS)
 @pytest.mark.parametrize(("name", "pair"), ODD_PAIRS.items())
 def test_odd_pictures_give_a_reason(name: str, pair: tuple[np.ndarray, np.ndarray], backend: str) -> None:
-    """No exception, no warning, no model that is trusted: one line that says why."""
     found = reconstruct(*pair, backend=backend)
     assert not found.success
     assert found.reason
@@ -131,7 +130,6 @@ def test_wild_tracked_points_do_no_harm(reach_px: float) -> None:
 def test_untrusted_models_have_a_reason_and_wrong_arguments_are_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Too few correspondences leave a model, and a reason."""
     sizes = (88, 72), (352, 288), (704, 576)
     assert [points_needed(PixelFrame(*size)) for size in sizes] == [50, 100, 100]
     monkeypatch.setattr(pipeline, "MIN_NUM_POINTS", 10**6)

@@ -20,7 +20,6 @@ def test_published_check_values(num_bits: int, check: int) -> None:
 @pytest.mark.nojit
 @pytest.mark.parametrize("width", sorted(POLYNOMIALS))
 def test_kernel_divides_planes_of_any_length(width: int, choose: Choose) -> None:
-    """Compiled and as Python, by the polynomial and, of many words, by powers of it."""
     run = choose(_kernels.crc_words)
     rng = np.random.default_rng(width)
     for length in (1, 3 * width - 1, 15 * width, 63 * width, 64 * width + 1, 150 * width):

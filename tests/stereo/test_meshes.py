@@ -124,7 +124,6 @@ def test_calibrated_points_are_where_cameras_see_them() -> None:
 
 
 def test_nothing_is_behind_the_camera() -> None:
-    """Disparities at infinity and beyond are left out, of layers and of sprites."""
     canvas = Canvas((2, 3), Frame(0, 0, 3, 2), DisparityLabels(1.0, 1.0, 8), 1.0, "middle", 2)
     disparity = np.array([[[2.0, 2.0, 0.0], [2.0, 2.0, -0.5]]], np.float32)
     image = LayeredDepthImage(

@@ -174,7 +174,6 @@ def test_seeking_before_and_while_reading(form: Form, tmp_path: Path) -> None:
 
 
 def test_punctured_form_pays_for_no_index() -> None:
-    """The end of a punctured stream takes seven bytes; a buffered one has more."""
     head = len(write("punctured", [])) - 7
     sizes = {form: sum(gop_bits(record).total // 8 for record in in_form(form, RECORDS)) for form in Form}
     assert len(write("punctured", RECORDS)) == head + sizes[Form.PUNCTURED] + 7
@@ -186,7 +185,6 @@ def test_punctured_form_pays_for_no_index() -> None:
 
 @pytest.mark.parametrize(("intra_period", "place"), [(0, 1), (0, 0), (16, 0)])
 def test_predicted_key_frames_where_there_can_be_none_are_refused(intra_period: int, place: int) -> None:
-    """First in a stream, and if its configuration has none."""
     file = io.BytesIO()
     config = replace(CONFIG, key=replace(CONFIG.key, intra_period=intra_period))
     with StreamWriter(file, config, "buffered") as writer:

@@ -66,7 +66,6 @@ def test_damage_names_its_segment(folder: Path) -> None:
 
 
 def test_unfinished_segments_are_read_as_far_as_they_go(folder: Path) -> None:
-    """An unfinished segment and a cut one belong to a recording if they have groups."""
     path = folder / "day-10.dvc"
     data = path.read_bytes()
     path.with_name("day-12.dvc.part").write_bytes(data[: data.index(b"10:2")])
@@ -82,14 +81,12 @@ def test_unfinished_segments_are_read_as_far_as_they_go(folder: Path) -> None:
 
 @pytest.mark.parametrize("other", [{"width": 32}, {"form": Form.NO_FEEDBACK}])
 def test_segments_of_other_recordings_are_refused(folder: Path, other: dict[str, int]) -> None:
-    """All have one configuration; that of the first is said to be another one."""
     write(folder / "day-8.dvc", b"8:", **other)  # type: ignore[arg-type]
     with pytest.raises(BitstreamError, match=r"^day-9\.dvc: its configuration differs from that of day-8"):
         RecordingReader(folder)
 
 
 def test_a_folder_without_segments_is_refused(tmp_path: Path) -> None:
-    """Files that are not folders are refused as well."""
     with pytest.raises(BitstreamError, match="without segments"):
         RecordingReader(tmp_path)
     with pytest.raises(BitstreamError, match="cannot be read"):

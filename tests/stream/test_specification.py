@@ -78,7 +78,6 @@ def check_bins(config: dict, frame: reader.Frame, original: Frame) -> None:
 
 @pytest.mark.parametrize("name", KINDS)
 def test_planes_are_those_of_the_frames(name: str, tmp_path: Path) -> None:
-    """All bits are found, and encode the samples of the frames."""
     config, groups, read_config = groups_of(name)
     with open_video(source(golden_of(name), tmp_path)) as video:
         originals = list(video)
@@ -184,7 +183,6 @@ def test_tracks_are_read(name: str) -> None:
 
 @pytest.mark.parametrize(("seed", "jitter"), [(1, 0.3), (3, 60.0)])
 def test_tracks_of_any_motion_are_read(seed: int, jitter: float) -> None:
-    """Tracks that are lost, that go back, and that jump farther than any would."""
     config = codec_config(VideoConfig(96, 80, 25, 1), "3d-te")
     rng, num_instants = np.random.default_rng(seed), 6
     tracks = []

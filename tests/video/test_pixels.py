@@ -109,7 +109,6 @@ def test_flat_colours_survive_any_chroma_resolution(pixel_format: str, size: tup
 
 @pytest.mark.parametrize("pixel_format", ["nv12", "yuyv422", "uyvy422", "p010le", "p016le", "nv16", "nv24"])
 def test_packed_formats_equal_their_planar_twins(pixel_format: str) -> None:
-    """Interleaved samples give the very frame that separate planes give."""
     deep = pixel_format.startswith("p0")
     subsampling = {"nv12": "420", "nv24": "444", "p010le": "420", "p016le": "420"}.get(pixel_format, "422")
     depth = {"p010le": "10le", "p016le": "16le"}.get(pixel_format, "")
@@ -138,7 +137,6 @@ def test_notices_say_what_is_changed(pixel_format: str, notices: tuple[str, ...]
 
 
 def test_full_range_samples_are_not_changed() -> None:
-    """JPEG's range is noted and kept, packed or planar."""
     luma = np.arange(256).reshape(16, 16)
     chroma = np.full((8, 8), 77)
     picture = planar_picture("yuvj420p", [luma, chroma, chroma])

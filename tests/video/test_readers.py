@@ -87,7 +87,6 @@ def test_raw_file_of_another_size_is_refused(tmp_path: Path, moving_frames: Make
 
 
 def test_raw_file_that_shrinks_while_it_is_read_is_damaged(tmp_path: Path, moving_frames: MakeFrames) -> None:
-    """The frames before the cut still come."""
     frames = moving_frames(3, 64, 64)
     write_raw(tmp_path / "a.yuv", frames)
     reader = iter(open_video(tmp_path / "a.yuv", size=(64, 64), frame_rate=25))
@@ -288,7 +287,6 @@ def test_wrong_arguments_are_refused(tmp_path: Path) -> None:
     ],
 )
 def test_frame_rates_become_fractions(given: float | Fraction, expected: Fraction) -> None:
-    """Decimal shorthands of NTSC rates mean the NTSC rates."""
     assert exact_frame_rate(given) == expected
 
 
@@ -328,7 +326,6 @@ def test_memory_does_not_grow_with_the_video(tmp_path: Path, moving_frames: Make
 
 
 def test_reader_keeps_its_protocol(tmp_path: Path, moving_frames: MakeFrames) -> None:
-    """A reader continues where it stopped, and yields nothing once it is closed."""
     frames = moving_frames(4, 16, 16)
     reader = open_video(write_clip(tmp_path / "a.mkv", frames))
     assert same_frames([next(iter(reader)), next(iter(reader))], frames[:2])
@@ -349,7 +346,6 @@ def test_real_sequences_open(shared_sequences: Path) -> None:
 def test_frames_are_found_in_any_order(
     tmp_path: Path, moving_frames: MakeFrames, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each frame is decoded once; only to go back the video is opened again."""
     frames = moving_frames(6, 32, 24)
     path = write_clip(tmp_path / "clip.mkv", frames)
     starts: list[int] = []

@@ -137,7 +137,6 @@ def test_size_change_in_a_pipe_is_refused(tmp_path: Path) -> None:
 
 
 def test_devices_are_opened_by_the_name_of_their_kind() -> None:
-    """Devices take size and rate as requests; unknown ones are refused in one line."""
     with open_video("testsrc", input_format="lavfi", num_frames=2, frame_rate=25) as reader:
         assert reader.info.live
         assert len(list(reader)) == 2

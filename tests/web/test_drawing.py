@@ -21,7 +21,6 @@ from dvc.web.surfaces import MAX_CODE, disparity_codes, pack_codes
 
 
 def test_near_is_brighter() -> None:
-    """Colours get brighter from far to near; unknown pixels are grey."""
     picture = colour_disparity(np.array([[np.nan, -2.0, 0.0, 2.0, 9.0]]), -2.0, 2.0)
     luma = picture[0].astype(np.float64) @ [0.114, 0.587, 0.299]
     assert tuple(picture[0, 0]) == UNKNOWN
@@ -32,7 +31,6 @@ def test_near_is_brighter() -> None:
 
 
 def test_errors_have_three_colours() -> None:
-    """Right, nearly bad and bad pixels differ, and what does not count is grey."""
     error = np.array([[0.4, 0.6, 1.0, 1.01, np.inf, 0.0]])
     counted = np.array([[True, True, True, True, True, False]])
     picture = colour_error(error, counted)
@@ -92,7 +90,6 @@ def test_disparities_survive_to_half_a_step(scale: float, max_code: int) -> None
 
 @pytest.mark.parametrize("mask", [np.zeros((2, 3), np.bool_), np.ones((2, 3), np.bool_)])
 def test_constant_and_absent_disparities(mask: np.ndarray) -> None:
-    """One disparity needs no range, and none at all is all zero."""
     codes, lowest, unit = disparity_codes(np.full((2, 3), 4.0), mask)
     np.testing.assert_array_equal(codes, mask)
     assert unit > 0.0

@@ -59,7 +59,6 @@ def test_blocks_are_divided_into_squares(band_shape: tuple[int, int]) -> None:
 
 @given(SHAPES, st.data())
 def test_choices_come_back(band_shape: tuple[int, int], data: st.DataObject) -> None:
-    """Any areas of frames of any shape, and what was given is left as it is."""
     own = Areas(band_shape)
     chosen = any_choice(own, data)
     given_areas = chosen.copy()
@@ -101,7 +100,6 @@ def test_bytes_that_no_choice_has_are_refused(data: bytes) -> None:
 
 
 def test_choices_of_areas_together_are_short() -> None:
-    """All take no bytes, none take few, and squares less than half a bit an area."""
     own = Areas((4 * 36, 4 * 44))
     assert own.shape == (36, 44)
     assert own.coded(np.ones(own.count, bool)) == b""

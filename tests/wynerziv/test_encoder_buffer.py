@@ -330,7 +330,6 @@ def test_parity_of_runs_that_were_begun_first_gives_way(monkeypatch: pytest.Monk
 
 
 def test_only_parity_that_is_asked_for_is_computed() -> None:
-    """No code behind the last one that positions name, and none twice."""
     computed: list[int] = []
     opened = opened_of(encoded_frame(layout_of(16, 20, MATRICES[7]), 0), coder=Noting(computed.append))
     opened.answer_round([beginning(0, 0, "uncoded", 20, 0)], 0)
@@ -391,7 +390,6 @@ def test_planes_whose_band_was_not_asked_for_before_have_no_bits() -> None:
     ],
 )
 def test_bits_beyond_a_run_are_refused(coder: str, request_: ParityRequest, text: str) -> None:
-    """Runs of two planes have bits of both, and no more; one bit less is answered."""
     frame = encoded_frame(layout_of(16, 20, MATRICES[7]), 0)
     opened = opened_of(frame, coder=coder_of(coder))
     opened.answer_round([beginning(0, 0, "crc", 1, 0, 1)], 0)

@@ -32,7 +32,6 @@ def test_hierarchical_order_halves_the_distance() -> None:
 
 @given(st.integers(0, 40), st.booleans())
 def test_distances_are_those_of_the_references(num_frames: int, hierarchical: bool) -> None:
-    """In order of display; between key frames all references are equally far apart."""
     distances = reference_distances(num_frames, hierarchical)
     assert len(distances) == num_frames
     if not hierarchical:

@@ -133,7 +133,6 @@ def test_scales_follow_the_residual(name: str) -> None:
 
 
 def test_band_scale_is_constant_in_each_band() -> None:
-    """The band model tells bands apart, the frame model does not."""
     residual = np.random.default_rng(4).normal(0.0, 1.0, (16, 8, 8)) * np.arange(1, 17)[:, None, None]
     band = noise.MODELS["band"](residual)
     np.testing.assert_array_equal(band, band[:, :1, :1] * np.ones((1, 8, 8)))
@@ -161,7 +160,6 @@ def test_local_scale_spreads_to_neighbours() -> None:
 
 
 def test_scales_grow_with_the_fourth_root_of_texture() -> None:
-    """And with the root of the error that is expected."""
     texture, expected = np.array([[16.0, 81.0]]), np.array([[1.0, 4.0]])
     for error, ratio in ((None, 1.5), (expected, 3.0)):
         first, second = noise.shaped(np.full((1, 2), 5.0), texture, error)[0]
@@ -303,7 +301,6 @@ def test_bins_that_do_not_exist_count_nothing() -> None:
 
 @pytest.mark.nojit
 def test_kernel_equals_its_twin() -> None:
-    """Compiled and as Python, to the last bit: requests depend on it."""
     bins, predicted, scale = coefficients(40, seed=1)
     results = []
     for function in (_kernels.refinement, python_twin(_kernels.refinement)):

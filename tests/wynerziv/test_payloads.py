@@ -88,7 +88,6 @@ def test_any_header_is_read_or_refused(data: bytes) -> None:
 
 @given(layouts, st.integers(0, 2**32 - 1), step_indices)
 def test_planes_are_numbered_band_by_band(layout: FrameLayout, seed: int, step_index: int) -> None:
-    """Each band's planes follow those of the band before, and all are counted."""
     frame = encoded_frame(layout, seed, step_index)
     quantization, expected = frame.quantization, 0
     for band in quantization.bands:
@@ -145,7 +144,6 @@ def test_embedded_bins_are_those_of_the_formula(step_index: int) -> None:
 @settings(max_examples=50)
 @given(layouts, st.integers(0, 2**32 - 1), step_indices)
 def test_buffered_payload_gives_the_planes_back(layout: FrameLayout, seed: int, step_index: int) -> None:
-    """As they are, by a reader that was written from the documents, too."""
     frame = encoded_frame(layout, seed, step_index)
     payload = frame.buffered_payload()
     read = EncodedFrame.read(layout, payload)
@@ -194,7 +192,6 @@ def test_any_payload_is_refused_or_the_only_one_of_its_planes(
 
 @pytest.mark.parametrize("levels", [None, MATRICES[7]])
 def test_buffered_payload_with_more_bytes_is_refused(levels: tuple[int, ...] | None) -> None:
-    """Whatever follows a payload; and so are bins that are out of range."""
     layout = layout_of(16, 16, levels)
     payload = encoded_frame(layout, 0).buffered_payload()
     for more in (b"\0", b"\1", bytes(9), b"\xff" * 9):

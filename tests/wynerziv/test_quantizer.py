@@ -45,7 +45,6 @@ def test_step_holds_every_coefficient(levels: int, values: list[float]) -> None:
 
 @given(st.integers(0, 15), st.integers(0, 63), st.lists(st.integers(-4080, 4080), min_size=1, max_size=20))
 def test_embedded_bins_hold_every_coefficient(band: int, index: int, values: list[int]) -> None:
-    """As few planes as hold all values; DC is never negative."""
     core = np.abs(values) if band == 0 else np.array(values)
     step, coefficients = quantizer.STEPS[index], core * transform.BAND_SCALE[band]
     extremes = np.zeros((16, 2), np.int16)
@@ -99,7 +98,6 @@ def test_embedded_bins_halve_those_of_fewer_planes(band: int, planes: int) -> No
 
 @given(st.integers(1, 15), st.integers(0, 12), st.integers(0, 12))
 def test_zero_is_a_third_into_its_bin_at_every_depth(band: int, planes: int, missing: int) -> None:
-    """However many planes are left out, zero stays away from the borders of AC bins."""
     missing = min(missing, planes)
     edges = quantizer.embedded_edges(band, planes, 1.0)[:: 2**missing]
     bin_number = np.searchsorted(edges, 0.0) - 1
@@ -145,13 +143,11 @@ def test_every_step_has_its_index() -> None:
 
 
 def test_bins_that_do_not_exist_have_no_width() -> None:
-    """The planes of an AC band can spell one bin too many; its interval is empty."""
     lower, upper = quantizer.prefix_borders(np.array([7]), 0, quantizer.bin_edges(8, 3.0))
     assert lower[0] == upper[0] == 12.0
 
 
 def test_gains_are_the_same_with_every_c_library() -> None:
-    """Three gains an octave, whose octaves are exactly twice as large."""
     np.testing.assert_allclose(GAINS, 2.0 ** (np.arange(-6, 16) / GAINS_PER_OCTAVE), rtol=1e-15)
     assert np.array_equal(GAINS[GAINS_PER_OCTAVE:], 2.0 * GAINS[:-GAINS_PER_OCTAVE])
 

@@ -12,7 +12,6 @@ PICTURE = np.ascontiguousarray(camera()[100:228, 200:356])
 
 @pytest.mark.parametrize("coder", [AVIF, JPEG2000], ids=lambda coder: coder.name)
 def test_best_quality_that_fits(coder: PictureCoder) -> None:
-    """Files fit, one more level does not, and more bytes make better pictures."""
     ladder = Ladder(coder, PICTURE)
     qualities = []
     for max_bytes in (1000, 4000):

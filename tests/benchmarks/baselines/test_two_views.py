@@ -38,7 +38,6 @@ def test_pooled_psnr_is_that_of_the_mean_squared_error() -> None:
 
 @pytest.mark.parametrize("coder", [X264, X265], ids=lambda coder: coder.name)
 def test_video_codes_two_frames(coder: VideoCoder) -> None:
-    """Both frames come back in order and full range; the second one is predicted."""
     first, second = views_of_array(scene(), gray=True).pictures
     stream = list(encode_frames((first, first), coder, 20, 0))
     assert len(stream) == 2

@@ -20,7 +20,6 @@ CONFIG = codec_config(VideoConfig(32, 24, 25, 1, luma_only=True), "2d")
 
 
 def test_every_hello_is_sent_and_rejected(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Also one that never ends; each is logged."""
     monkeypatch.setattr(bad_hellos, "SILENT_EVERY", len(HELLOS))
     monkeypatch.setattr(acceptor, "MAX_LINES", 4 * len(HELLOS))
     (_, chain), _ = certificate(tmp_path)
@@ -38,7 +37,6 @@ def test_every_hello_is_sent_and_rejected(monkeypatch: pytest.MonkeyPatch, tmp_p
 
 @pytest.mark.slow
 def test_a_good_decoder_notices_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """It gets the same frames; the cost is printed."""
     clip = write_clip(tmp_path / "clip.y4m", moving_texture(6, 48, 64))
     words = ["--clip", clip, "--frames", 12, "--count", 20, "--pairs", 1, "--codec", "2d", "--out", tmp_path]
     assert bad_hellos.main([*map(str, words)]) == 0

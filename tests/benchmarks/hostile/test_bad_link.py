@@ -20,7 +20,6 @@ def passed(faults: Faults, times: int = 30) -> tuple[bytes, int]:
 
 
 def test_a_good_link_changes_nothing() -> None:
-    """Faults that are far apart leave all bytes."""
     faults = Faults(1e15, seed=1)
     assert passed(faults) == (30 * DATA, 0)
     assert not any(faults.counts.values())
@@ -28,7 +27,6 @@ def test_a_good_link_changes_nothing() -> None:
 
 @pytest.mark.parametrize("kind", FAULTS)
 def test_every_fault_is_what_it_says(kind: str) -> None:
-    """Only a cut ends the connection, and trickling changes no byte."""
     faults = Faults(1.0, seed=2, kinds=[kind])
     out, cuts = passed(faults)
     assert faults.counts == {kind: 30}

@@ -16,7 +16,6 @@ from dvc.errors import DvcError
 
 
 def test_parts_go_on_where_they_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Numbers come once; another code, or none that checks bounds, is another part."""
     tried = Tried.read(tmp_path / "state.json")
     first = tried.take(3)
     assert first.start >= FIRST
@@ -34,7 +33,6 @@ def test_parts_go_on_where_they_ended(tmp_path: Path, monkeypatch: pytest.Monkey
 
 @pytest.mark.parametrize("text", ["[]", "{", '{"schema": "other"}', '{"schema": "dvc3d-tried/1"}'])
 def test_other_files_are_refused(tmp_path: Path, text: str) -> None:
-    """They are not written over."""
     (tmp_path / "state.json").write_text(text)
     with pytest.raises(DvcError, match=r"state\.json: "):
         Tried.read(tmp_path / "state.json")
@@ -43,7 +41,6 @@ def test_other_files_are_refused(tmp_path: Path, text: str) -> None:
 def test_what_does_harm_twice_is_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Harm that is not repeated is only recorded."""
 
     def run(tries: Sequence[Try]) -> list[str]:
         is_repeated = len(tries) < 9
@@ -86,7 +83,6 @@ def test_rows_tell_hours_finds_and_cuts(tmp_path: Path, monkeypatch: pytest.Monk
 def test_cut_runs_are_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Until there are as many as wanted, in all parts."""
     monkeypatch.setattr(cuts, "run_module", lambda *_: None)
     monkeypatch.setattr(cuts, "prepared", lambda *_: {})
     monkeypatch.setattr(cuts, "run_number", lambda number, _: ("2d", "" if number % 2 else "a hang"))

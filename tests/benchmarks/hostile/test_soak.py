@@ -13,7 +13,6 @@ from tests.clips import moving_texture, write_clip
 def test_a_run_that_is_away_half_of_the_time_counts_what_it_loses(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """All frames are decoded or left out, and memory is printed."""
     clip = write_clip(tmp_path / "clip.y4m", moving_texture(6, 48, 64))
     words = ["--clip", clip, "--frames", 60, "--rate", 20, "--cut-every", 1, "--away", "--codec", "2d"]
     assert soak.main([*map(str, words), "--out", str(tmp_path)]) == 0

@@ -12,7 +12,6 @@ def test_all_rows_name_canaries() -> None:
 
 
 def test_canaries_repeat(tmp_path: Path) -> None:
-    """The same code gives the same digest again."""
     found = []
     for name in ("a", "b"):
         (tmp_path / name).mkdir()

@@ -19,7 +19,6 @@ def _git(folder: Path, *words: str) -> str:
 
 
 def test_trees_are_hashed_as_git_does(tmp_path: Path) -> None:
-    """A package has the hash of git; ignored files do not count."""
     package = tmp_path / "sfm"
     shutil.copytree(ROOT / "sfm", package, ignore=shutil.ignore_patterns("__pycache__"))
     (package / "a.b").mkdir()

@@ -33,7 +33,6 @@ def commands(monkeypatch: pytest.MonkeyPatch) -> Iterator[Commands]:
 
 
 def test_anchors_are_compared_by_luma_and_in_colour(commands: Commands, tmp_path: Path) -> None:
-    """Both are of the same streams in colour; streams of luma only are ignored."""
     folder = write_colour_results(tmp_path / curves.DEFAULT)
     for number, rate_kbps in enumerate((6.0, 24.0)):
         data = result_data(rate_kbps, 29.0 + 6.0 * number)
@@ -47,7 +46,6 @@ def test_anchors_are_compared_by_luma_and_in_colour(commands: Commands, tmp_path
 def test_what_exists_for_luma_only_is_compared_so(
     commands: Commands, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Neither side of such a comparison has chroma."""
     monkeypatch.setattr(curves, "curves_in", lambda *_: {})
     monkeypatch.setattr(curves, "mean_of", lambda *_: None)
     BY_NAME["rate/matrices"].measure(Setting(folder=tmp_path))

@@ -40,7 +40,6 @@ def test_rows_are_few_and_have_names_of_their_own() -> None:
 
 
 def test_documents_are_read_as_they_were_written(entries: dict[str, Any], tmp_path: Path) -> None:
-    """Results come back in the order of the rows; removed rows are dropped."""
     path = tmp_path / "results.json"
     document.write_document({"gone": {}, **dict(reversed(entries.items()))}, path)
     assert read_document(path) == entries
@@ -61,7 +60,6 @@ def test_page_shows_missed_targets_first_and_what_is_absent(entries: dict[str, A
 
 
 def test_page_never_mixes_codes(entries: dict[str, Any]) -> None:
-    """A result of other code is shown as not measured."""
     entries[MET] |= {"digest": "then"}
     assert "−80.0" not in page_text(entries)
     assert f"* `{MET}`" in page_text(entries)
@@ -88,13 +86,11 @@ def test_results_are_kept_as_long_as_bytes_and_their_own_code_are_the_same(
 
 
 def test_page_is_that_of_the_document() -> None:
-    """The page is made from the results; `--fill` makes it again."""
     found = PAGE.read_text(encoding="utf-8")
     assert found == page_text(read_document(DOCUMENT)), "run python -m benchmarks.results --fill"
 
 
 def test_targets_tell_what_is_met() -> None:
-    """A value at the target meets it; without a target nothing is met or missed."""
     row = BY_NAME[MISSED]
     assert row.at_most is not None
     assert (row.met(row.at_most), row.met(row.at_most + 0.1)) == (True, False)

@@ -22,7 +22,6 @@ def test_documents_tell_the_numbers_of_results(path: Path) -> None:
 
 @pytest.mark.parametrize("path", documents(), ids=lambda path: path.name)
 def test_documents_tell_no_other_measured_numbers(path: Path) -> None:
-    """Numbers that look measured have the mark of a result, or are marked as given."""
     assert list(unmarked(path.read_text(encoding="utf-8"))) == []
 
 
@@ -40,7 +39,6 @@ def test_marks_are_filled_in_again_and_again() -> None:
 
 @pytest.mark.parametrize("mark", ["rate/nothing", "rate/intra:nowhere"])
 def test_marks_of_nothing_are_refused(mark: str) -> None:
-    """A result or a clip that there is not is named."""
     with pytest.raises(ConfigError, match=r"nothing|nowhere"):
         filled(f"<!-- row:{mark} --> <!-- / -->", ENTRIES)
 
@@ -59,5 +57,4 @@ def test_marks_of_nothing_are_refused(mark: str) -> None:
     ],
 )
 def test_numbers_that_look_measured_are_found(text: str, count: int) -> None:
-    """Shares, qualities and rates outside of marks and code are found."""
     assert len(list(unmarked(text))) == count

@@ -12,7 +12,6 @@ FRAMES = moving_texture(4, 48, 64)
 
 
 def test_a_setting_replaces_what_is_fixed() -> None:
-    """The preset is one of its parameters; the intra picture is finer than the rest."""
     usual, own = (parameters_of(text, 30) for text in (REFERENCE, "preset=fast:weightp=1"))
     assert (usual["preset"], usual["weightp"], usual["me"]) == ("medium", "0", "hex")
     assert (own["preset"], own["weightp"]) == ("fast", "1")
@@ -40,7 +39,6 @@ def test_curves_are_compared_by_place() -> None:
 
 
 def test_what_another_beats_is_left_out() -> None:
-    """A setting with more rate and more time than another is dropped."""
     slow, beaten, fast = (
         Tried(name, {"a/8": rate}, cpu_ms)
         for name, rate, cpu_ms in (("slow", -3.0, 5.0), ("beaten", 1.0, 4.0), ("fast", 1.0, 2.0))

@@ -23,7 +23,6 @@ def test_weights_are_those_that_bits_were_drawn_by() -> None:
 
 
 def test_planes_are_those_that_decoding_has_met() -> None:
-    """Terms lead to the LLRs; the priors are left as they were."""
     usual = LearnedPriors.learn
     planes = met((FOLDER / "2d-predicted-buffered.dvc").read_bytes())
     assert LearnedPriors.learn is usual

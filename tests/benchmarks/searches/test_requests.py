@@ -9,7 +9,6 @@ from tests.golden_streams import FOLDER
 
 
 def test_more_at_a_time_takes_fewer_requests() -> None:
-    """Larger requests cost more bits; a row shows both for all runs."""
     drawn = [noisy(np.random.default_rng(k), 1584, 0.03) for k in range(4)]
     runs = [Run(llr, None, bits) for bits, llr in drawn]
     few, many = (row(runs, percent).split() for percent in (0, 30))
@@ -19,7 +18,6 @@ def test_more_at_a_time_takes_fewer_requests() -> None:
 
 
 def test_runs_are_those_that_decoding_has_met() -> None:
-    """Most bits are the likely ones; the decoder is restored."""
     usual = CascadeDecoder.decode
     runs = recorded([(FOLDER / "2d-qp-buffered.dvc").read_bytes()])
     assert CascadeDecoder.decode is usual

@@ -32,7 +32,6 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def test_values_are_read_by_their_types() -> None:
-    """Numbers, tuples, and values relative to the usual one."""
     given, constants = divided("gop.length=8,key.qp=-1,encoder.a.B=2")
     config = encoder_session(INFO, 30, given, ParityBuffer()).config
     assert constants == {"encoder.a.B": "2"}
@@ -54,7 +53,6 @@ def test_what_psnr_is_worth_is_taken_off() -> None:
 
 
 def test_each_clip_is_left_out_of_the_choice() -> None:
-    """A clip gets the settings that are best for the remaining clips."""
     found = {}
     for clip, bytes_of in {"a": (1000, 900, 1300), "b": (1000, 800, 700), "c": (1000, 990, 700)}.items():
         for settings, num_bytes in zip(("", "x", "y"), bytes_of, strict=True):
@@ -79,7 +77,6 @@ def test_a_clip_is_coded_with_settings(street: str) -> None:
 
 
 def test_there_may_be_no_feedback(street: str) -> None:
-    """Streams without feedback are smaller, and have constants of their own."""
     place = Trial(street, 30, "encoder.spacing.ALONE_COST=0.0")
     asked, usual, keys = (
         coded(place._replace(settings=settings), 3, delivery)

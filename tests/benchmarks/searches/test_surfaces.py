@@ -12,7 +12,6 @@ from dvc.stereo.surfaces.stereo_settings import TEST_PAIRS, TUNING_PAIRS
 
 
 def test_bad_pixels_are_shares_of_what_counts() -> None:
-    """Both thresholds, all pixels and those that both views see."""
     image = np.zeros((4, 10, 3), np.uint8)
     views = (
         ArrayView("left", image, LatticePosition(0.0, 0.0)),
@@ -41,6 +40,5 @@ def test_settings_are_changed_for_a_while() -> None:
 
 
 def test_pairs_are_apart() -> None:
-    """No pair that settings were chosen on is one that they are tested on."""
     assert not set(TUNING_PAIRS) & set(TEST_PAIRS)
     assert len([name for name in TEST_PAIRS if name.endswith("_Q")]) == 2

@@ -117,7 +117,6 @@ def test_another_task_is_measured_anew(tmp_path: Path) -> None:
 
 
 def test_files_of_other_contents_are_measured_anew(tmp_path: Path) -> None:
-    """Under the same name; the same contents are not."""
     task = Task(tmp_path / "out", chosen=(str(tmp_path / "map.pfm"), "teddy"))
     for contents, count in ((b"a", 1), (b"a", 1), (b"b", 2)):
         (tmp_path / "map.pfm").write_bytes(contents)
@@ -126,7 +125,6 @@ def test_files_of_other_contents_are_measured_anew(tmp_path: Path) -> None:
 
 
 def test_failed_steps_are_repeated(tmp_path: Path) -> None:
-    """Pages show the results of a failed step; the next run repeats it."""
     assert measure(_chapter("no rate"), Task(tmp_path), (Method.DEFAULT,)) == ["no rate"]
     assert "1.25" in (tmp_path / "chapter9.md").read_text()
     assert measure(_chapter(), Task(tmp_path), (Method.DEFAULT,)) == []
@@ -134,7 +132,6 @@ def test_failed_steps_are_repeated(tmp_path: Path) -> None:
 
 
 def test_steps_that_are_broken_off_leave_nothing(tmp_path: Path) -> None:
-    """Earlier steps stay, and are not repeated."""
 
     def _broken(task: Task, method: Method) -> StepResult:
         raise KeyboardInterrupt

@@ -43,7 +43,6 @@ def test_weights_exist_if_no_hypothesis_errs() -> None:
 
 
 def test_mean_and_spread_follow_from_the_weights() -> None:
-    """The spread is the weighted standard deviation about the weighted mean."""
     rng = np.random.default_rng(3)
     hypotheses = rng.normal(0.0, 9.0, (3, 5, 6, 7))
     fused, spread = fuse(hypotheses, {0: rng.normal(0.0, 9.0, (6, 7)), 3: rng.normal(0.0, 9.0, (6, 7))})

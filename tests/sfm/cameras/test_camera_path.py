@@ -105,7 +105,6 @@ def test_points_on_a_line() -> None:
 
 @pytest.mark.parametrize("num", range(6))
 def test_too_few_points(num: int) -> None:
-    """With fewer than six points there is a reason, and the prior to go on with."""
     scene = two_views(20)
     found = resect(scene, seen_at(scene), num)
     assert not found.success

@@ -39,7 +39,6 @@ def test_unicity_prefers_the_better_sum() -> None:
 
 @given(st.lists(st.tuples(st.integers(0, 5), st.integers(0, 5), st.floats(0, 9)), max_size=25))
 def test_unicity_is_one_to_one(pairs: list[tuple[int, int, float]]) -> None:
-    """Whatever the pairs, no point is kept twice, and no pair could be added."""
     pairs = list({(i, j): (i, j, e) for i, j, e in pairs}.values())
     i, j = (np.array([p[k] for p in pairs], dtype=np.int64) for k in (0, 1))
     keep = outliers.unicity(i, j, np.array([p[2] for p in pairs]), 10.0)
@@ -74,7 +73,6 @@ def test_reprojection() -> None:
 
 
 def test_chirality() -> None:
-    """The sign of most products stays, whichever it is; zero and infinity go."""
     a = np.array([1.0, 2.0, -1.0, 3.0, 0.0, np.inf, np.nan])
     b = np.array([1.0, 2.0, 1.0, 0.5, 1.0, 1.0, 1.0])
     expected = [True, True, False, True, False, False, False]
@@ -92,7 +90,6 @@ def test_epipole() -> None:
 
 
 def test_depth() -> None:
-    """Aberrant depths and such that are not finite go; a slanted plane stays."""
     first = scattered(150, 5)
     depths = 1.0 / (0.2 + 0.002 * first[:, 0])
     wrong = np.arange(0, 150, 15)
@@ -153,7 +150,6 @@ def test_neighbours_on_a_line() -> None:
 
 @given(st.lists(st.tuples(st.integers(0, 3), st.floats(-9, 9), st.floats(0.1, 5)), max_size=30))
 def test_weighted_medians(rows: list[tuple[int, float, float]]) -> None:
-    """Medians are those of the twin, and nan without values."""
     point = np.array([r[0] for r in rows], dtype=np.int64)
     values, weight = (np.array([r[k] for r in rows], dtype=np.float64) for k in (1, 2))
     medians = outliers.weighted_median(values, point, weight, 5)

@@ -32,7 +32,6 @@ CORNERS = detect_corners(A, 200), detect_corners(B, 200)
 
 
 def test_corners_of_a_square_are_found() -> None:
-    """The four corners of a bright square are corners, and nothing else is."""
     luma = np.full((60, 80), 50, dtype=np.uint8)
     luma[20:40, 25:55] = 200
     found = detect_corners(luma)
@@ -82,7 +81,6 @@ def test_the_number_of_threads_does_not_matter() -> None:
 
 @pytest.mark.nojit
 def test_suppression_radii(choose: Choose) -> None:
-    """Each maximum is as far from the nearest clearly stronger one as its twin says."""
     rng = np.random.default_rng(6)
     points = rng.integers(0, 30, (40, 2))
     strength = np.sort(rng.integers(1, 12, 40).astype(np.float64))[::-1].copy()
@@ -115,7 +113,6 @@ def test_a_shift_is_found() -> None:
 
 
 def test_motion_is_bounded() -> None:
-    """Nothing is matched if the true motion is beyond a quarter of the frame's width."""
     a = picture(TEXTURE, HEIGHT, WIDTH)
     assert len(matched(a, shifted(TEXTURE, HEIGHT, WIDTH, (42.0, 0.0)))) > 40
     assert len(matched(a, shifted(TEXTURE, HEIGHT, WIDTH, (46.0, 0.0)))) <= 3
@@ -152,7 +149,6 @@ def test_frames_without_common_corners(pair: tuple[np.ndarray, np.ndarray]) -> N
 
 
 def test_wrong_arguments_are_refused() -> None:
-    """Frames that are no planes of bytes, or differ in size, raise ValueError."""
     a = picture(TEXTURE, 64, 64)
     for wrong in (a.astype(float), np.stack([a] * 3, axis=2)):
         with pytest.raises(ValueError, match="uint8"):

@@ -128,7 +128,6 @@ def test_no_epipolar_geometry_or_no_seeds() -> None:
 
 @pytest.mark.parametrize("shape", [(16, 16), (48, 64)])
 def test_frames_without_edges(shape: tuple[int, int]) -> None:
-    """Black frames add nothing, whatever the seeds; noise adds next to nothing."""
     black = np.zeros(shape, dtype=np.uint8)
     given = known(np.array([[8.0, 8.0], [0.0, 15.0]]), np.array([[9.0, 8.0], [15.0, 15.0]]))
     assert len(propagate(EpipolarSearch(black, black, sideways()), given)) == 2
@@ -150,7 +149,6 @@ PAIR = epipolar_search.KeyPair(SMALL, SPLINE, half_pixel_samples(SPLINE), sidewa
 
 @pytest.mark.nojit
 def test_errors_of_neighbourhoods(choose: Choose) -> None:
-    """Errors are those of the twin, infinite outside."""
     target, weights, affine = SMALL[10:15, 12:17], window(2), np.array([[1.1, 0.2], [-0.1, 0.9]])
     direction = np.array([0.6, -0.8])
 
@@ -210,7 +208,6 @@ def test_points_are_followed(choose: Choose) -> None:
 
 @pytest.mark.nojit
 def test_rounds_of_propagation(choose: Choose) -> None:
-    """The same pixels are reached, with the same second points, as by the twin."""
     seeds = [(10, 10, np.array([16.4, 10.0])), (16, 14, np.array([23.0, 14.0]))]
     tries = np.zeros(SMALL.shape, dtype=np.int64)
     tries[9:18, 8:18] = 2 * find_edges(SMALL.astype(np.uint8))[9:18, 8:18]
@@ -231,7 +228,6 @@ def test_rounds_of_propagation(choose: Choose) -> None:
 
 @pytest.mark.nojit
 def test_scores_of_sides(choose: Choose) -> None:
-    """Scores are those of the twin, nan where a side leaves the frame."""
     first = np.array([[12, 14], [20, 12], [3, 15], [16, 3]])
     second = first + np.array([6.3, 0.1])
     normals = np.array([[1.0, 0.0], [0.6, -0.8], [0.8, 0.6], [0.0, 1.0]])

@@ -104,7 +104,6 @@ def test_samples_half_a_pixel_apart() -> None:
 
 
 def test_weights_of_the_window() -> None:
-    """Weights are symmetric, positive, largest in the middle, and sum to one."""
     weights = window(3)
     assert weights.shape == (7, 7)
     assert weights.sum() == pytest.approx(1.0)

@@ -41,7 +41,6 @@ def test_cameras_give_back_the_matrix() -> None:
 
 
 def test_distances_agree_with_their_twins() -> None:
-    """Sampson and symmetric distances are those of the definitions, point by point."""
     scene = two_views(20, noise_px=0.5)
     f, pair = scene.fundamental, scene.measured
     sampson = epipolar.sampson_distances(f, pair.first, pair.second)
@@ -64,7 +63,6 @@ def test_lines_meet_points_and_epipoles() -> None:
 
 
 def test_a_point_on_the_epipole_has_no_line() -> None:
-    """A point on the epipole gets a line of zeros, finite distances and no warning."""
     f = epipolar.skew(np.array([10.0, 20.0, 1.0]))
     first, second = epipolar.epipoles(f)
     at = first[None, :2] / first[2]
@@ -77,7 +75,6 @@ def test_a_point_on_the_epipole_has_no_line() -> None:
 
 
 def test_coordinates_of_a_matrix() -> None:
-    """Pixels and normalised coordinates are inverse to each other; zeros stay zeros."""
     f = two_views().fundamental
     back = epipolar.fundamental_to_pixels(epipolar.fundamental_to_normalized(f, FRAME), FRAME)
     np.testing.assert_allclose(back, f, atol=1e-15)

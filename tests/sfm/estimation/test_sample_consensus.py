@@ -68,7 +68,6 @@ def test_a_line_among_outliers(seed: int) -> None:
 
 @pytest.mark.parametrize("num", [0, 1])
 def test_too_few_data_give_no_model(num: int) -> None:
-    """With fewer data than a sample needs there is no model, and nothing is tried."""
     estimator = LineEstimator(np.zeros((num, 2)))
     rng = np.random.default_rng(0)
     found = mapsac(estimator, RobustSettings(), rng)

@@ -115,7 +115,6 @@ def test_homographies_are_exact_on_exact_matches() -> None:
 
 
 def test_sampson_distance_of_a_translation() -> None:
-    """Under a pure translation an offset splits evenly between both points."""
     first = np.array([[0.0, 0.0], [100.0, 0.0], [0.0, 100.0], [100.0, 100.0]])
     estimator = HomographyEstimator(first, first + np.array([6.0, 8.0]))
     identity = estimator.matrices()

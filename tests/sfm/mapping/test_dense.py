@@ -66,7 +66,6 @@ def test_points_project_to_their_pixels() -> None:
 
 
 def test_the_cloud_is_bounded() -> None:
-    """However many maps there are; colours stay with their points."""
     depth = np.full((HEIGHT, WIDTH), 4.0, np.float32)
     picture = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
     picture[:, WIDTH // 2 :] = 200
@@ -93,7 +92,6 @@ def _views(positions: list[float]) -> tuple[dict[int, View], dict[int, np.ndarra
 
 
 def test_depth_of_exact_cameras() -> None:
-    """Nearly everywhere within a few per cent, in the unit of the cameras."""
     views, true = _views([0.0, 0.5, 1.0, 1.5])
     nearest = max(inverse_depth_span(view)[1] for view in views.values())
     swept = {k: found for k in views if (found := sweep_depth(views, k, nearest)) is not None}
@@ -106,7 +104,6 @@ def test_depth_of_exact_cameras() -> None:
 
 
 def test_neighbours_lie_on_both_sides() -> None:
-    """As far as there are frames, and the frame itself is none of them."""
     views, _ = _views([0.0, 0.5, 1.0, 1.5, 2.0])
     chosen = neighbours(views, 2)
     assert 2 not in chosen

@@ -23,7 +23,6 @@ def test_a_moving_camera_is_located_in_every_frame() -> None:
 
 
 def test_a_cut_begins_a_new_piece() -> None:
-    """Frames before and after it share no points, and no coordinate frame."""
     poses = [pose_of(k) for k in range(14)]
     first, second = tracks_of(poses, scene(900, 1), 0.05), tracks_of(poses, scene(900, 2), 0.05)
     moved = tuple(VisiblePoints(each.ids + 900, each.positions) for each in second.seen)
@@ -34,7 +33,6 @@ def test_a_cut_begins_a_new_piece() -> None:
 
 @pytest.mark.parametrize("step", ["turn", "stand"])
 def test_no_parallax_no_piece(step: str) -> None:
-    """A camera that turns on the spot, or stands still, shows no depth."""
     turn = 0.02 if step == "turn" else 0.0
     poses = [pose_of(k, step=0.0, turn=turn) for k in range(12)]
     assert map_pieces(tracks_of(poses, scene(), 0.1), _silent) == []

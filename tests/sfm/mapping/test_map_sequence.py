@@ -66,7 +66,6 @@ def test_several_frames_render_a_left_out_one() -> None:
 
 
 def test_a_video_gives_the_map_of_its_frames(tmp_path: Path) -> None:
-    """It is read once for the tracks, and once for the depths; steps are told."""
     path, lines = str(tmp_path / "clip.mkv"), []
     with create_video(path, (SIZE.width_px, SIZE.height_px), 25) as writer:
         for frame in _clip()[0]:
@@ -109,7 +108,6 @@ def test_pieces_reach_to_the_key_frames_around(first: int, last: int, reach: ran
 
 
 def test_pictures_that_cannot_be_written_are_an_error(tmp_path: Path) -> None:
-    """COLMAP never gets fewer pictures than chosen."""
     frames = [Frame(np.full((8, 8), level, np.uint8)) for level in (10, 20)]
     assert write_pictures(tmp_path, frames, [1]) == ["00000001.png"]
     with pytest.raises(OSError, match="No such file"):

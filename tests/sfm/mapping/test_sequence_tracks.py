@@ -20,7 +20,6 @@ def _picture(shift: tuple[float, float], seed: int = 0) -> Frame:
 
 
 def test_shifts_are_followed_to_a_tenth_of_a_pixel() -> None:
-    """Over several key frames, and each point under one number."""
     shifts = [(1.3 * k, -0.7 * k) for k in range(12)]
     tracks = track_sequence(_picture(shift) for shift in shifts)
     assert tracks.key_frames[0] == 0

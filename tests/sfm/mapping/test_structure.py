@@ -24,7 +24,6 @@ def _known(count: int, noise_px: float = 0.0):
 
 @pytest.mark.parametrize(("noise_px", "bound"), [(0.0, 1e-6), (0.2, 0.05)])
 def test_points_are_triangulated(noise_px: float, bound: float) -> None:
-    """A fifth of a pixel stays far below a per cent of the depth at this baseline."""
     points, structure, tracks = _known(12, noise_px)
     numbers, found = triangulate(structure, observations(tracks.seen, range(12)))
     assert len(numbers) > 100
@@ -75,7 +74,6 @@ def test_adjustment_finds_cameras_and_focal_length() -> None:
 
 
 def test_frames_that_are_not_free_stay() -> None:
-    """A local adjustment leaves the rest, and the focal length, alone."""
     structure, seen, _ = _disturbed(6)
     adjusted = adjust_bundle(structure, seen, {4, 5}, focal=False)
     assert adjusted.K[0, 0] == structure.K[0, 0]
@@ -88,7 +86,6 @@ def test_frames_that_are_not_free_stay() -> None:
 
 
 def test_a_frame_is_located() -> None:
-    """In spite of a fifth of wrong points."""
     points = scene()
     seen = observations(tracks_of([pose_of(2.5)], points).seen, [0])
     seen.positions[::5] += 25.0

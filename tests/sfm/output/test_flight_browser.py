@@ -134,7 +134,6 @@ def test_slider_changes_frame_and_picture(opened: Opened) -> None:
 
 
 def test_flight_plays_to_its_end(opened: Opened) -> None:
-    """Space starts it at the frame that is shown, and it stops at the last one."""
     page = opened("whole")
     page.check("#points")
     go(page, 5)
@@ -149,7 +148,6 @@ def test_flight_plays_to_its_end(opened: Opened) -> None:
 
 
 def test_view_is_turned_moved_and_reset(opened: Opened) -> None:
-    """By pointer, wheel and keys; a double click shows the whole scene again."""
     page = opened("whole")
     page.check("#points")
     first = saved(page)
@@ -212,7 +210,6 @@ def test_kinds_of_drawing_are_switched(opened: Opened) -> None:
 
 
 def test_pieces_are_chosen(opened: Opened) -> None:
-    """Each has its frames; one without points and depth shows the path alone."""
     page = opened("pieces")
     whole = drawn(saved(page)).mean()
     page.select_option("#piece", "1")

@@ -131,7 +131,6 @@ def test_metric_upgrade_finds_the_truth(plane: tuple[float, float, float]) -> No
 
 
 def test_colmap_reads_what_is_written(tmp_path: Path) -> None:
-    """COLMAP finds two registered images, all points, and a small reprojection error."""
     model = euclidean_scene(plane=(0.05, 0.0, 0.0)).model
     luma = np.full((288, 352), 77, dtype=np.uint8)
     write_model(tmp_path, model, point_colours(luma, model.correspondences.first))

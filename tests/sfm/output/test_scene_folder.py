@@ -117,7 +117,6 @@ def test_resized_pictures_have_their_cameras() -> None:
 
 
 def test_strays_and_unknown_depths_are_left_out() -> None:
-    """Infinity, nan, what lies behind, and what is absurdly near."""
     depth = np.full((40, 50), 2.0, np.float32)
     depth[0, :4] = np.nan, np.inf, -1.0, 0.01
     near, known = nearness(depth)
@@ -148,7 +147,6 @@ def test_clouds_come_back() -> None:
 
 
 def test_pieces_are_told_with_all_their_cameras() -> None:
-    """Each frame has a camera, frames with depth are sources, and pictures are files."""
     piece = piece_of(range(5), *SIZE)
     values = piece_values(piece, frames_of(*SIZE), SIZE, 1)
     assert values["frames"] == [0, 1, 2, 3, 4]
@@ -160,7 +158,6 @@ def test_pieces_are_told_with_all_their_cameras() -> None:
 
 
 def test_long_sequences_have_fewer_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Both kinds stay within their sizes, evenly spaced; all cameras remain."""
     monkeypatch.setattr(scene_folder, "MAX_SOURCES", 4)
     monkeypatch.setattr(scene_folder, "PICTURE_BYTES", 8000)
     piece = piece_of(range(20), *SIZE)

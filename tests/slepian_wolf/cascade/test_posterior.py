@@ -55,7 +55,6 @@ def ranges_of(bits: np.ndarray, llr_sign: np.ndarray, order: int, *ends: int) ->
 
 @pytest.mark.parametrize("seed", range(6))
 def test_one_order_is_exact(seed: int) -> None:
-    """Parities of ranges of one order give the odds that counting all patterns gives."""
     beliefs, bits, prior = started(10, seed)
     first = beliefs.decisions
     tell(beliefs, bits, 0, 4, 9)
@@ -130,7 +129,6 @@ def test_what_is_missing_comes_from_the_next_order() -> None:
 
 @pytest.mark.parametrize("probability", [0.5, 0.1, 0.01, 0.001])
 def test_uncertainty_is_near_the_entropy(probability: float) -> None:
-    """It is exact of a fair bit, and within a half where p is small."""
     odds = np.full(50, probability / (1.0 - probability))
     entropy = -50.0 * (probability * np.log2(probability) + (1 - probability) * np.log2(1 - probability))
     assert 0.85 < _kernels.uncertainty_bits(odds) / entropy < 1.5
@@ -197,7 +195,6 @@ def test_priors_follow_neighbours(shape: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize(("odds", "is_satisfied"), [(0.9, True), (1.1, False)])
 def test_bits_that_are_likelier_wrong_than_right_count_as_errors(odds: float, is_satisfied: bool) -> None:
-    """Parities are those of the first decisions: one error contradicts them."""
     beliefs, _, _ = started(8, 0)
     tell(beliefs, beliefs.decisions, 0, 3)
     assert beliefs.is_satisfied()
@@ -279,7 +276,6 @@ def test_prefix_parities_equal_their_twin(num_bits: int) -> None:
 
 
 def test_orders_are_fetched_as_they_are_needed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Those that were neither laid out nor answered are not, and none is twice."""
     fetched: list[int] = []
 
     def counting(number: int, num_bits: int, seed: int) -> np.ndarray:

@@ -49,13 +49,11 @@ def plane_of(num_check_bits: int, size_of_llr: float = 8.0) -> _Plane:
 
 
 def test_sure_planes_need_no_more_bits() -> None:
-    """As soon as the check that there is bears the odds."""
     assert accepted(plane_of(CRC_BITS), crc(BITS, CRC_BITS), 2.0**-9) == (True, [])
 
 
 @pytest.mark.parametrize("exponent", [0, 3])
 def test_open_planes_ask_for_what_is_missing(exponent: int) -> None:
-    """A bit for each halving of the odds; what does not agree then is refused."""
     missing = int(ERROR_EXPONENT) - exponent - 6
     check = crc(BITS, CRC_BITS)
     assert accepted(plane_of(6), check, 2.0**-exponent) == (True, [missing])
@@ -244,7 +242,6 @@ def test_exponential_and_logarithm_invert_each_other() -> None:
 
 @pytest.mark.nojit
 def test_contradictions_stay_finite() -> None:
-    """Parity that excludes what the priors are sure of gives large numbers, not NaN."""
     llr_a = np.full(200, 24.0)
     parity = np.ones(200, np.int8)
     assert np.isfinite(siso(llr_a, parity, (0b11001, 0b11011))).all()

@@ -93,7 +93,6 @@ def test_every_bit_enters_twice(num_bits: int, seed: int) -> None:
 
 @given(st.integers(1, 300), st.integers(1, 60))
 def test_releases_as_many_distinct_steps_as_bits(num_bits: int, period: int) -> None:
-    """N parity bits of the two streams are released, each once, at every length."""
     order = release_order(num_bits, period)
     assert order.size == np.unique(order).size == num_bits
     assert order.min() >= 0

@@ -49,7 +49,6 @@ def test_data_pictures_and_page_are_written(views: Path, capsys: pytest.CaptureF
 
 
 def test_json_and_meshes(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Standard output has only JSON, files have meshes, and --quiet prints nothing."""
     pytest.importorskip("trimesh")
     shapes = ["--ply", "a.ply", "--glb", "a.glb"]
     assert run("reconstruct", *PAIR.split(), "--out", "out", "--json", "-", *shapes) == 0
@@ -148,7 +147,6 @@ def test_views_in_the_wrong_order_are_refused(
 
 
 def test_work_space_is_bounded() -> None:
-    """Labels that no strip of wide views has room for are refused before any work."""
     views = array_of(*np.zeros((2, 400, 2700, 3), np.uint8))
     with pytest.raises(ConfigError, match="4001 disparities in steps"):
         reconstruct(views, DisparityLabels(0.0, 0.01, 4001))
@@ -180,7 +178,6 @@ def test_progress_has_an_end(
 def test_impossible_numbers_of_an_index_are_refused(
     views: Path, part: str, values: dict[str, float], message: str
 ) -> None:
-    """Numbers that the command would not take are not taken from its folder either."""
     assert run("reconstruct", *PAIR.split(), "--out", "out", "--quiet") == 0
     path = views / "out" / "stereo.json"
     index = json.loads(path.read_text())

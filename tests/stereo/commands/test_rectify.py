@@ -147,7 +147,6 @@ def test_rectified_input_keeps_its_frame(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_range_of_rectified_views_comes_from_their_matches(toy: Path, tmp_path: Path) -> None:
-    """Without --disparities, the range is that of points that both views share."""
     rng = np.random.default_rng(1)
     wide = cv2.GaussianBlur(rng.integers(0, 256, (96, 200, 3)).astype(np.uint8), (0, 0), 1.2)
     for k, name in enumerate(("left", "right")):

@@ -258,7 +258,6 @@ def test_few_matches_give_no_range() -> None:
 
 
 def test_wrong_matches_hardly_widen_the_range() -> None:
-    """Three in a hundred are far off on each side: at most three times as wide."""
     true = np.linspace(20.0, 60.0, 188)
     wrong = np.concatenate([np.full(6, -3000.0), np.full(6, 5000.0)])
     np.testing.assert_allclose(range_of(true), (20.4, 59.6), atol=0.05)

@@ -339,7 +339,6 @@ def shifted_pair(by: int) -> CameraArray:
 
 
 def test_gains_are_those_of_what_both_see() -> None:
-    """Channel by channel, along the surface; the reference keeps its levels."""
     array = shifted_pair(3)
     surface = Occupancy(np.full(array.shape, 3), np.ones(array.shape, np.bool_))
     found = gains(array, LABELS, surface)

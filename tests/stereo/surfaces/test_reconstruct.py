@@ -201,7 +201,6 @@ def test_disparities_between_labels() -> None:
 
 
 def test_steps_of_fractions_of_a_pixel() -> None:
-    """Labels may be a quarter of a pixel apart, and start below zero."""
     array, truth = slanted_pair()
     found = reconstruct(array, DisparityLabels(-1.0, 0.25, 44))
     error = np.abs(found.surfaces[0].disparity - truth)[8:-8, 12:-8]
@@ -260,7 +259,6 @@ def test_names_are_those_of_what_there_is() -> None:
 
 @pytest.mark.parametrize("iteration", [0, 1, 2])
 def test_raw_costs_have_no_windows(iteration: int) -> None:
-    """Squared differences stay those of pixels by themselves; other costs are summed."""
     assert StereoSettings(cost="squared").windows(iteration) == ()
     assert StereoSettings(cost="census").windows(iteration)
 

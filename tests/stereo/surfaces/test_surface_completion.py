@@ -34,7 +34,6 @@ def filled(own: Occupancy, other: Occupancy, pair: Pair, image: NDArray[np.uint8
 
 
 def test_supported_labels_stay_and_planes_go_on() -> None:
-    """A slanted plane fills its gap to within the rounding of its labels."""
     plane = 4.0 + 0.11 * np.indices(SHAPE)[1] + 0.05 * np.indices(SHAPE)[0]
     label = np.floor(plane + 0.5).astype(np.int64)
     supported = np.ones(SHAPE, bool)
