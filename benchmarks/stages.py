@@ -1,4 +1,4 @@
-"""Time of decoding by stage: `python -m benchmarks.stages [CLIP ...] [--write PAGE]`.
+"""Time of decoding by stage: `python -m benchmarks.stages [CLIP ...]`.
 
 Clips are coded with the default codec and decoded in one process, one frame after the other. What a stage
 calls of another stage is counted there.
@@ -133,7 +133,6 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--qp", type=int, default=30)
     parser.add_argument("--frames", type=int, default=33)
     parser.add_argument("--out", type=Path, default=Path("out/stages"), help="folder of streams")
-    parser.add_argument("--write", type=Path, metavar="PAGE", help="page with a block of code to replace")
     arguments = parser.parse_args(words)
     from benchmarks.results.harness import CLIPS
 
@@ -149,13 +148,8 @@ def main(words: Sequence[str] | None = None) -> int:
             num_frames += decoded(stream)
             progress(1)
     clock.turn()
-    summary = f"{', '.join(clips)}; {arguments.frames} frames, QP {arguments.qp}\n\n"
-    summary += table(clock.spent_s, num_frames)
-    print(summary)
-    if arguments.write:
-        before, _, rest = arguments.write.read_text(encoding="utf-8").partition("```text\n")
-        after = rest.partition("\n```")[2]
-        arguments.write.write_text(f"{before}```text\n{summary}\n```{after}", encoding="utf-8")
+    print(f"{', '.join(clips)}; {arguments.frames} frames, QP {arguments.qp}\n")
+    print(table(clock.spent_s, num_frames))
     return 0
 
 

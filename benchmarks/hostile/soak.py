@@ -14,14 +14,13 @@ import threading
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmarks.hostile.bad_link import BITS_PER_SECOND, DELAY_S
 from benchmarks.hostile.lost_links import PATIENCE_S, Files, check_end, source_of, start
-from benchmarks.memory import processes, resident_bytes
 from benchmarks.results.encoder import MIB, looped
 from benchmarks.results.harness import report_of
 from benchmarks.slow_link import SlowLink, slow_link
@@ -42,9 +41,28 @@ class Sample(NamedTuple):
     decoder: float
 
 
+def processes(pid: int) -> Iterator[int]:
+    """Return a process and its running descendants.
+
+    A process that has not loaded its program yet has the memory of its parent, and is not counted.
+    """
+    yield pid
+    with suppress(OSError):
+        own = Path(f"/proc/{pid}/cmdline").read_bytes()
+        for children in Path(f"/proc/{pid}/task").glob("*/children"):
+            for child in map(int, children.read_text().split()):
+                with suppress(OSError):
+                    if Path(f"/proc/{child}/cmdline").read_bytes() != own:
+                        yield from processes(child)
+
+
 def resident_mib(pid: int) -> float:
     """Return the resident memory of a process and of its descendants."""
-    return sum(resident_bytes(each)[0] for each in processes(pid)) / MIB
+    num_pages = 0
+    for each in processes(pid):
+        with suppress(OSError):
+            num_pages += int(Path(f"/proc/{each}/statm").read_text().split()[1])
+    return num_pages * os.sysconf("SC_PAGE_SIZE") / MIB
 
 
 def play(frames: Iterable[Frame], rate: Fraction, pipe: "subprocess.Popen[str]") -> None:

@@ -18,7 +18,7 @@ EXAMPLES = """\
 """
 PICTURES: dict[str, Callable[[], list[Path]]] = {
     "first": rendered.draw_first,
-    **{f"scene-{clip}": partial(scene.draw, clip) for clip in scene.CLIPS},
+    **{f"scene-{clip}": partial(scene.draw, clip) for clip in scene.SHOWN},
     "map": rendered.draw_map,
     **{f"stereo-{name}": draw for name, draw in stereo.PICTURES.items()},
     **{f"dibr-{name}": draw for name, draw in dibr.PICTURES.items()},

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.pictures.drawing import Picture, correlation_noise, panel, write_picture
-from benchmarks.results.harness import SCENES, clip_source
+from benchmarks.results.harness import clip_source
 from decoder.side_information.block_motion import BlockMotionInterpolation
 from decoder.side_information.methods import INTERPOLATORS
 from decoder.side_information.protocol import Interpolation, ReferenceFrame
@@ -24,8 +24,12 @@ from sfm.pipeline import reconstruct
 from sfm.scene_model import Correspondences, Model, Reconstruction
 
 FOLDER = Path("docs") / "scene"
-FOLDER_OF_REAL_CLIPS = Path("results") / "scene"
-CLIPS = (*SCENES, "box", "desk", "tree")
+SHOWN = {
+    "stairway": ("correspondences", "motion"),
+    "statue": ("correspondences",),
+    "street": ("stages",),
+}
+"""Pictures of the chapter page, by scene."""
 GOP = 10
 Luma = NDArray[np.uint8]
 Floats = NDArray[np.float64]
@@ -125,9 +129,8 @@ def draw(clip: str) -> list[Path]:
     if not found.success:
         return []
     pictures = {
-        "correspondences": _correspondences(found, frames[GOP], clip),
-        "stages": _stages(frames, found),
-        "motion": _motion_norms(found, frames[0], frames[GOP]),
+        "correspondences": lambda: _correspondences(found, frames[GOP], clip),
+        "stages": lambda: _stages(frames, found),
+        "motion": lambda: _motion_norms(found, frames[0], frames[GOP]),
     }
-    folder = FOLDER if clip in SCENES else FOLDER_OF_REAL_CLIPS
-    return [write_picture(folder / f"{clip}_{name}.jpg", picture) for name, picture in pictures.items()]
+    return [write_picture(FOLDER / f"{clip}_{name}.jpg", pictures[name]()) for name in SHOWN[clip]]

@@ -1,11 +1,10 @@
-"""Draw surfaces, errors and occlusions for `docs/stereo.md`, and chapter 2 of the thesis into `results`.
+"""Draw surfaces, errors and occlusions for `docs/stereo.md`.
 
 Photographs of the real sets cannot be published here: `docs` only has maps of them.
 """
 
 import json
 import re
-import shutil
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -26,8 +25,7 @@ from dvc.web.drawing import colour_disparity, colour_error, in_rows, with_title
 
 Rows = list[list[float]]
 FOLDER = Path("docs") / "stereo"
-RESULTS = Path("results") / "stereo"
-CALIBRATED = {"sport": 2, "ballet": 2, "fern": 3}
+CALIBRATED = {"sport": 2, "ballet": 2}
 """Sets that are not rectified, and how many maps of each are shown."""
 
 
@@ -130,7 +128,7 @@ def draw_pairs() -> list[Path]:
 
 
 def draw_calibrated() -> list[Path]:
-    """Draw disparities of real pictures that are not rectified: sport, ballet, fern."""
+    """Draw disparities of real pictures that are not rectified."""
     written = []
     for name, count in CALIBRATED.items():
         source = data_folder(name) / name
@@ -140,28 +138,13 @@ def draw_calibrated() -> list[Path]:
             words = ["reconstruct", *paths, "--cameras", cameras]
             run_module("dvc.stereo", *words, "--out", folder, "--quiet")
             found = read_reconstruction(folder)
-            shutil.rmtree(RESULTS / name, ignore_errors=True)
-            shutil.copytree(folder, RESULTS / name)
         chosen = [found.array.reference, *(k for k in range(len(found.array)) if k != found.array.reference)]
         written.append(write_picture(FOLDER / f"{name}.jpg", _maps(found, chosen[:count])))
     return written
-
-
-def draw_chapter() -> list[Path]:
-    """Measure chapter 2 into `results`; figures that show no real pictures go to `docs`."""
-    data, folder = data_folder("tsukuba"), RESULTS / "chapter2"
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    run_module("benchmarks.thesis", "--chapter", "2", "--data", data, "--out", RESULTS, "--quiet")
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    for number in ("2.4", "2.5"):
-        shutil.copy(folder / f"figure-{number}-ours.png", FOLDER / f"figure-{number}.png")
-    return [folder / "chapter2.md", folder / "index.html"]
 
 
 PICTURES: dict[str, Callable[[], list[Path]]] = {
     "toy": draw_toy,
     "pairs": draw_pairs,
     "calibrated": draw_calibrated,
-    "chapter": draw_chapter,
 }
