@@ -172,7 +172,7 @@ def test_memory_is_limited_beyond_what_the_process_holds_itself(monkeypatch: pyt
     monkeypatch.setattr(resource, "getrlimit", lambda _: (2**30 + most, resource.RLIM_INFINITY))
     monkeypatch.setattr(resource, "setrlimit", lambda _, limit: limits.append(limit))
     monkeypatch.setattr(workers.multiprocessing, "get_context", lambda _: threading)
-    monkeypatch.setattr(workers.worker, "serve", lambda _: None)
+    monkeypatch.setattr(workers.decoder.processes, "serve", lambda _: None)
     monkeypatch.setattr(threading, "Process", threading.Thread, raising=False)
     workers._Child(mp_connection.Pipe()[0])._child.join()
     assert limits == [(2**31 + most, resource.RLIM_INFINITY)]
