@@ -34,8 +34,7 @@ def right_singular(matrices: Floats) -> tuple[Floats, Floats]:
 
 def least_singular(matrices: Floats) -> Floats:
     """Return the right singular vectors (..., n) of the least values; for Gram matrices the eigenvectors."""
-    rows: Floats = _decomposed(matrices)[2][..., -1, :]
-    return rows
+    return _decomposed(matrices)[2][..., -1, :]
 
 
 def svd(matrix: Floats) -> tuple[Floats, Floats, Floats]:

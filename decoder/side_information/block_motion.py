@@ -43,8 +43,7 @@ def low_pass(plane: Bytes) -> Bytes:
     padded = np.pad(plane.astype(np.int32), 1, mode="edge")
     columns = padded[:-2] + padded[1:-1] + padded[2:]
     total = columns[:, :-2] + columns[:, 1:-1] + columns[:, 2:]
-    smooth: Bytes = ((total + 4) // 9).astype(np.uint8)
-    return smooth
+    return np.asarray(((total + 4) // 9).astype(np.uint8))
 
 
 def halve(plane: Bytes) -> Bytes:

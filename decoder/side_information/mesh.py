@@ -45,8 +45,7 @@ class Barycentric(NamedTuple):
     def interpolate(self, values: Floats) -> Floats:
         """Interpolate values (V,) or (V, 2) of the vertices."""
         weights = self.weights.reshape(*self.weights.shape, *(1,) * (values.ndim - 1))
-        mixed: Floats = (weights * values[self.vertices]).sum(axis=1)
-        return mixed
+        return np.asarray((weights * values[self.vertices]).sum(axis=1))
 
     def matrix(self, num_vertices: int) -> Any:
         """Return the sparse matrix that `interpolate` applies."""

@@ -172,8 +172,7 @@ def spread_blocks(depth: Floats, block_px: int, shape: tuple[int, ...]) -> Float
     stack, weights = np.stack(corners), np.stack(shares)
     block = np.take_along_axis(stack, weights.argmax(axis=0)[None], axis=0)[0]
     weights = np.where(np.abs(stack - block) <= 0.03 * span, weights, 0.0)
-    smooth: Floats = (weights * stack).sum(axis=0) / weights.sum(axis=0)
-    return smooth
+    return np.asarray((weights * stack).sum(axis=0) / weights.sum(axis=0))
 
 
 BLOCK_WEIGHT = 0.5

@@ -124,14 +124,12 @@ def read_truth(
     is_defined = np.isfinite(values)
     if unknown is not None:
         is_defined &= values != unknown
-    disparity: NDArray[np.float64] = np.where(is_defined, values / (scale or 1.0) + offset, np.nan)
-    return disparity
+    return np.where(is_defined, values / (scale or 1.0) + offset, np.nan)
 
 
 def read_mask(path: str | Path) -> Mask:
     """Read a mask: pixels of value 255 count."""
-    mask: Mask = read_picture(path)[:, :, 0] == 255
-    return mask
+    return np.asarray(read_picture(path)[:, :, 0] == 255)
 
 
 def read_truth_of(arguments: argparse.Namespace) -> Truth:

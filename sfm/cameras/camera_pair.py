@@ -273,14 +273,12 @@ class _Adjustment:
     def project(self, state: _State) -> Floats:
         """Return ``R x + inverse depth * t`` for all points, shape (N, 3)."""
         turned = homogeneous(self.first) @ state.camera[:, :3].T
-        projected: Floats = turned + state.inverse[:, None] * state.camera[:, 3]
-        return projected
+        return turned + state.inverse[:, None] * state.camera[:, 3]
 
     def errors(self, state: _State) -> Floats:
         """Return the reprojection errors (N, 2) in normalised units."""
         p = self.project(state)
-        errors: Floats = p[:, :2] / nonzero(p[:, 2])[:, None] - self.observed
-        return errors
+        return p[:, :2] / nonzero(p[:, 2])[:, None] - self.observed
 
     def cost(self, state: _State) -> float:
         return float((self.errors(state) ** 2).sum())
@@ -337,11 +335,9 @@ def depth_step(first: Floats, observed: Floats, camera: Floats, kappa: Floats) -
     a = kappa[:, None] * (observed * turned[:, 2:] - turned[:, :2])
     b = kappa[:, None] * (observed * moved[2:] - moved[:2])
     aa, ab = (a * a).sum(axis=1), (a * b).sum(axis=1)
-    depths: Floats = np.where(aa > 0, -ab / np.where(aa > 0, aa, 1.0), np.nan)
-    return depths
+    return np.where(aa > 0, -ab / np.where(aa > 0, aa, 1.0), np.nan)
 
 
 def denominators(first: Floats, depths: Floats, camera: Floats) -> Floats:
     """Return the weights kappa: the inverse depths of the points in a camera."""
-    kappa: Floats = 1.0 / nonzero(depths * (homogeneous(first) @ camera[2, :3]) + camera[2, 3])
-    return kappa
+    return 1.0 / nonzero(depths * (homogeneous(first) @ camera[2, :3]) + camera[2, 3])

@@ -201,8 +201,7 @@ def image_distances(problem: ResectionProblem, camera: Floats) -> Floats:
     """Return the distances of projected points from their image positions."""
     p = problem.x @ camera.T
     offset = p[:, :2] / nonzero(p[:, 2], MIN_DEPTH)[:, None] - problem.seen
-    distances: Floats = np.hypot(offset[:, 0], offset[:, 1])
-    return distances
+    return np.hypot(offset[:, 0], offset[:, 1])
 
 
 def robust_weights(problem: ResectionProblem, distances: Floats, redescending: bool) -> tuple[Floats, float]:
@@ -258,8 +257,7 @@ class _RobustDistances:
 
         def stepped(damping: float) -> Floats:
             candidate = camera - solve_damped(normal, slope, damping).reshape(3, 4)
-            unit: Floats = candidate / np.sqrt((candidate * candidate).sum())
-            return unit
+            return np.asarray(candidate / np.sqrt((candidate * candidate).sum()))
 
         return float((self._weights * distances * distances).sum()), stepped
 

@@ -136,8 +136,7 @@ def gradient_directions(luma: Bytes) -> Floats:
     smooth = cv2.GaussianBlur(luma, (3, 3), 0)
     gradient = np.stack([cv2.Sobel(smooth, cv2.CV_64F, 1, 0), cv2.Sobel(smooth, cv2.CV_64F, 0, 1)], axis=-1)
     length = np.sqrt((gradient**2).sum(axis=-1, keepdims=True))
-    directions: Floats = gradient / np.maximum(length, 1e-9)
-    return directions
+    return np.asarray(gradient / np.maximum(length, 1e-9))
 
 
 def far_from(points: Floats, obstacles: Floats, distance_px: float) -> Mask:

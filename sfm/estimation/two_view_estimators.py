@@ -72,8 +72,7 @@ class HomographyEstimator(TwoViewEstimator):
         uu, vv, uv = 1 + jux * jux + juy * juy, 1 + jvx * jvx + jvy * jvy, jux * jvx + juy * jvy
         du, dv = self.second[:, 0] - u, self.second[:, 1] - v
         squared = (vv * du * du - 2 * uv * du * dv + uu * dv * dv) / np.maximum(uu * vv - uv * uv, 1.0)
-        distances: Floats = np.sqrt(np.maximum(squared, 0.0)) * self.scale_px
-        return distances
+        return np.sqrt(np.maximum(squared, 0.0)) * self.scale_px
 
     def refine(self, model: Floats, inliers: Mask) -> Floats:
         """Fit the inliers by linear least squares, reweighted to minimise distances in the image."""
@@ -179,15 +178,13 @@ def turned(fundamental: Floats, step: Floats) -> Floats:
     u, s, vt = svd(fundamental)
     angle = math.atan2(s[1], s[0]) + step[6]
     diagonal = np.array([math.cos(angle), math.sin(angle), 0.0])
-    product: Floats = (u @ _rotation(step[:3]) * diagonal) @ (_rotation(step[3:6]).T @ vt)
-    return product
+    return np.asarray((u @ _rotation(step[:3]) * diagonal) @ (_rotation(step[3:6]).T @ vt))
 
 
 def _rotation(vector: Floats) -> Floats:
     """Return the rotation about a vector, by the Cayley transform: orthogonal, no special case at 0."""
     half = skew(0.5 * vector)
-    rotation: Floats = np.linalg.solve(np.eye(3) - half, np.eye(3) + half).astype(np.float64)
-    return rotation
+    return np.linalg.solve(np.eye(3) - half, np.eye(3) + half).astype(np.float64)
 
 
 class FundamentalEstimator(TwoViewEstimator):
@@ -235,8 +232,7 @@ def seven_point(rows: Floats) -> Floats:
     sample, which = np.nonzero(np.isfinite(roots))
     z = roots[sample, which][:, None, None]
     models = z * a[sample] + b[sample]
-    unit: Floats = models / np.linalg.norm(models, axis=(1, 2))[:, None, None]
-    return unit
+    return np.asarray(models / np.linalg.norm(models, axis=(1, 2))[:, None, None])
 
 
 def _determinants(m: Floats) -> Floats:
@@ -253,5 +249,4 @@ def eight_point(rows: Floats) -> Floats:
     solution = least_singular(rows).reshape(-1, 3, 3)
     last = least_singular(solution)[:, :, None]
     models: Floats = solution - (solution @ last) @ last.transpose(0, 2, 1)
-    unit: Floats = models / np.maximum(np.linalg.norm(models, axis=(1, 2)), TINY)[:, None, None]
-    return unit
+    return np.asarray(models / np.maximum(np.linalg.norm(models, axis=(1, 2)), TINY)[:, None, None])

@@ -169,8 +169,7 @@ def _rigid_part(rotation: Floats, translation: Floats, parameters: Floats) -> tu
 
 def _nearest_rotation(matrix: Floats) -> Floats:
     u, _, vt = np.linalg.svd(matrix)
-    rotation: Floats = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
-    return rotation
+    return np.asarray(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)
 
 
 def point_colours(luma: Bytes, points: Floats) -> Bytes:

@@ -315,5 +315,4 @@ def _repeated(plane: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
 def _base(filled: Floats, labels: DisparityLabels) -> Labels:
     """Round a surface to labels, without single outliers."""
     smooth = cv2.medianBlur(filled.astype(np.float32), BASE_MEDIAN_PX)
-    base: Labels = np.clip(np.floor(smooth + 0.5), 0, labels.num_labels - 1).astype(np.int64)
-    return base
+    return np.asarray(np.clip(np.floor(smooth + 0.5), 0, labels.num_labels - 1).astype(np.int64))

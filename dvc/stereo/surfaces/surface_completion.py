@@ -187,8 +187,7 @@ WEIGHTS = Evidence(0.1, 0.8, -3.2, 0.6, 3.2)
 def confidence(measures: Evidence) -> Singles:
     """Return the probability that each disparity is right within a pixel."""
     log_odds = sum(weight * measure for weight, measure in zip(WEIGHTS, measures, strict=True))
-    probability: Singles = (1.0 / (1.0 + np.exp(-log_odds))).astype(np.float32)
-    return probability
+    return (1.0 / (1.0 + np.exp(-log_odds))).astype(np.float32)
 
 
 def evidence(array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels], index: int) -> Evidence:
