@@ -159,10 +159,7 @@ def _file_entry(name: str, path: Path) -> Entry:
 
 
 def resolve(name_or_path: str | Path) -> Path | Description:
-    """Resolve a name or path to a rendered scene, a file of the data folder, or any file.
-
-    A name with a suffix means an existing file first, then one of the data folder.
-    """
+    """Resolve a name to a scene or a file; with a suffix an existing file comes before the data folder."""
     name = str(name_or_path)
     if not isinstance(name_or_path, Path) and name in VIDEO_SCENES:
         return VIDEO_SCENES[name]

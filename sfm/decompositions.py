@@ -24,10 +24,7 @@ NOTHING = 1e-31
 
 
 def right_singular(matrices: Floats) -> tuple[Floats, Floats]:
-    """Return singular values (..., n), the largest first, and right singular vectors, rows of (..., n, n).
-
-    If a matrix has fewer rows than columns, the last vectors span its null space.
-    """
+    """Return singular values (..., n), falling, and right singular vectors as rows, null space included."""
     _, values, rows = _decomposed(matrices)
     return values, rows
 

@@ -157,9 +157,19 @@ def fit_mesh(model: Model, first: Bytes, second: Bytes, settings: MeshSettings) 
     kept = np.asarray(np.isfinite(np.column_stack([points, matches])).all(axis=1))
     farthest = (np.array(shape[::-1]) - 2) * cell
     kept &= np.logical_and(points >= -cell, points <= farthest).all(axis=1)
+    closest, direction = epipolar_lines(warp, grid)
+    roughness = roughness_matrix(shape)
     for _ in range(settings.max_fits):
         weights = barycentric(points[kept], shape, cell).matrix(len(grid))
-        vertices = _moved_vertices(grid, weights, matches[kept], warp, shape, settings.smoothness)
+        # Solve (5.10) for the positions of the vertices in the second key frame.
+        normal, right = RIDGE * sparse.eye_array(len(grid)), np.zeros(len(grid))
+        for axis in (0, 1):
+            along = sparse.diags_array(direction[:, axis])
+            data, smooth = weights @ along, settings.smoothness * roughness @ along
+            normal = normal + data.T @ data + smooth.T @ smooth
+            right += data.T @ (matches[kept, axis] - weights @ closest[:, axis])
+            right -= settings.smoothness * smooth.T @ (roughness @ (closest - grid)[:, axis])
+        vertices = np.asarray(closest + spsolve(normal.tocsc(), right)[:, None] * direction, np.float64)
         depth, third = inverse_depths(grid, warp, vertices)
         epipole = warp[:, 3]
         offset = epipole[:2] - vertices * epipole[2]
@@ -173,23 +183,6 @@ def fit_mesh(model: Model, first: Bytes, second: Bytes, settings: MeshSettings) 
             break
         kept &= ~outlier
     return mesh
-
-
-def _moved_vertices(
-    grid: Floats, weights: Any, matches: Floats, warp: Floats, shape: tuple[int, int], smoothness: float
-) -> Floats:
-    """Solve (5.10) for the positions of the vertices in the second key frame."""
-    closest, direction = epipolar_lines(warp, grid)
-    roughness = roughness_matrix(shape)
-    normal = RIDGE * sparse.eye_array(len(grid))
-    right = np.zeros(len(grid))
-    for axis in (0, 1):
-        along = sparse.diags_array(direction[:, axis])
-        data, smooth = weights @ along, smoothness * roughness @ along
-        normal = normal + data.T @ data + smooth.T @ smooth
-        right += data.T @ (matches[:, axis] - weights @ closest[:, axis])
-        right -= smoothness * smooth.T @ (roughness @ (closest - grid)[:, axis])
-    return np.asarray(closest + spsolve(normal.tocsc(), right)[:, None] * direction, dtype=np.float64)
 
 
 def mesh_depth(mesh: Mesh, shape: tuple[int, ...]) -> tuple[Floats, Integers]:

@@ -175,10 +175,7 @@ def fuse(hypotheses: Floats, decoded: Mapping[int, Floats]) -> tuple[Floats, Flo
 
 
 def fusion_weights(moments: Mapping[tuple[int, int], Floats], count: int) -> Floats:
-    """Return the non-negative weights, of sum 1, of the mean of least expected square in each block.
-
-    `moments` are those of the errors of hypotheses `a` with hypotheses `b <= a`.
-    """
+    """Return the weights of the best mean of each block, from moments of errors `a` with errors `b <= a`."""
     matrix = [[moments[max(a, b), min(a, b)].copy() for b in range(count)] for a in range(count)]
     trace = sum((matrix[a][a] for a in range(1, count)), matrix[0][0].copy())
     weights = np.ones((count, *trace.shape))

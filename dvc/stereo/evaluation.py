@@ -79,10 +79,7 @@ def evaluate(
 
 
 def sparsification(bad: Mask, confidence: NDArray[np.number]) -> tuple[float, float]:
-    """Return the area under the sparsification curve and that of the best order, in per cent.
-
-    The area is the mean share of bad pixels among the N surest ones, over all N.
-    """
+    """Return the mean share of bad pixels among the N surest ones over all N, and in the best order, in %."""
     _, rank = np.unique(-confidence.astype(np.float64), return_inverse=True)
     # equally sure pixels have no order: each counts as their mean
     count = np.bincount(rank)

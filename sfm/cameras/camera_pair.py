@@ -213,10 +213,7 @@ def bundle_adjustment(
     num_alternations: int = 3,
     max_iterations: int = 100,
 ) -> BundleAdjustment:
-    """Minimise the reprojection error over depths and camera.
-
-    At most `num_alternations` of the thesis (Appendix B) precede at most `max_iterations` joint steps.
-    """
+    """Minimise the reprojection error: alternations of the thesis (Appendix B), then joint steps."""
     num = len(correspondences)
     if depths.shape != (num,):
         raise ValueError(f"expected {num} depths, got {depths.shape}")

@@ -73,10 +73,7 @@ def window(radius_px: int) -> Floats:
 def refine_points(
     image: Floats, coefficients: Floats, first: Integers, parameters: Floats, weights: Floats, errors: Floats
 ) -> None:
-    """Minimise the neighbourhoods' errors over the rows of `parameters`, in place; error -1: failed.
-
-    `first` are whole pixels of `image` with room around them.
-    """
+    """Minimise errors over the rows of `parameters`, in place, around whole pixels `first`; -1: failed."""
     height, width = coefficients.shape[0] - 2 * MARGIN, coefficients.shape[1] - 2 * MARGIN
     size, count = weights.shape[0], parameters.shape[1]
     radius = size // 2

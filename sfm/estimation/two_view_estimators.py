@@ -195,7 +195,12 @@ class FundamentalEstimator(TwoViewEstimator):
     def estimate(self, samples: Integers) -> Floats:
         """Solve many samples at once."""
         rows = constraint_rows(self.first, self.second)[samples]
-        return seven_point(rows) if samples.shape[1] == self.min_num_samples else eight_point(rows)
+        if samples.shape[1] == self.min_num_samples:
+            return seven_point(rows)
+        solution = least_singular(rows).reshape(-1, 3, 3)
+        last = least_singular(solution)[:, :, None]
+        models = solution - (solution @ last) @ last.transpose(0, 2, 1)
+        return np.asarray(models / np.maximum(np.linalg.norm(models, axis=(1, 2)), TINY)[:, None, None])
 
     def to_pixels(self, fundamental: Floats) -> Floats:
         """Convert a fundamental matrix to pixels."""
@@ -242,11 +247,3 @@ def _determinants(m: Floats) -> Floats:
         + m[:, 0, 2] * (m[:, 1, 0] * m[:, 2, 1] - m[:, 1, 1] * m[:, 2, 0])
     )
     return determinant
-
-
-def eight_point(rows: Floats) -> Floats:
-    """Return matrices of rank 2 that nearly satisfy more than seven equations."""
-    solution = least_singular(rows).reshape(-1, 3, 3)
-    last = least_singular(solution)[:, :, None]
-    models: Floats = solution - (solution @ last) @ last.transpose(0, 2, 1)
-    return np.asarray(models / np.maximum(np.linalg.norm(models, axis=(1, 2)), TINY)[:, None, None])

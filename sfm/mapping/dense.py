@@ -125,10 +125,7 @@ def dense_pieces(
 
 
 def depth_frames(tracks: SequenceTracks, structures: Sequence[Structure]) -> list[list[int]]:
-    """Choose the key frames of each piece that get depth, a limited number in all.
-
-    If even two frames of each piece are too many, the shortest pieces get none.
-    """
+    """Choose the key frames of each piece that get depth, a limited number; short pieces may get none."""
 
     def visible(structure: Structure, frame: int) -> bool:
         count = np.count_nonzero(structure.triangulated[tracks.seen[frame].ids])
@@ -254,10 +251,7 @@ def inverse_depth_span(view: View) -> tuple[float, float]:
 
 
 def sweep_depth(views: Mapping[int, View], frame: int, nearest: float) -> SweptDepth | None:
-    """Estimate the inverse depth of a frame, with confidence and error; None without suitable neighbours.
-
-    `nearest` is the largest inverse depth in any frame: near points leave a frame soon.
-    """
+    """Estimate depth of a frame; None without neighbours. `nearest` is the largest inverse depth anywhere."""
     view = views[frame]
     compared = [(views[k].luma, warp_between(view, views[k])) for k in neighbours(views, frame)]
     if not compared:

@@ -59,10 +59,7 @@ def mean_orientation(rotations: Sequence[Floats]) -> Floats:
 
 
 def fit_lattice(centres: Floats, positions: Floats, orientation: Floats) -> tuple[Lattice, Floats]:
-    """Fit a lattice to centres with known positions, by least squares (2.6), and turn both upright.
-
-    Then ``v1 x v2`` points to the scene and v1 to the right.
-    """
+    """Fit a lattice to centres with known positions (2.6), v1 to the right and ``v1 x v2`` to the scene."""
     right, _, forward = orientation
     mean, middle = positions.mean(axis=0), centres.mean(axis=0)
     shift, offset = positions - mean, centres - middle

@@ -177,8 +177,17 @@ class _Solver:
 
     def solve(self) -> tuple[_State, list[float]]:
         """Iterate until nothing changes; return the last state, and the changed share of each iteration."""
-        state = self._coarse() if self.is_large else None
+        state: _State | None = None
         changes: list[float] = []
+        if self.is_large:  # begin with the state of views of half the size; disparities double, steps do not
+            labels, half = self.labels, CameraArray(tuple(map(_half, self.array)))
+            solver = _Solver(half, _half_range(labels), self.settings, self.pool, self.advance)
+            coarse, _ = solver.solve()
+            doubled = [np.clip(2.0 * surface, 0.0, labels.num_labels - 1.0) for surface in coarse.filled]
+            filled = [_repeated(surface, self.array.shape) for surface in doubled]
+            bases = [_base(surface, labels) for surface in filled]
+            near = [_repeated(occupancy.supported, self.array.shape) for occupancy in coarse.occupancy]
+            state = _State([Occupancy(*pair) for pair in zip(bases, near, strict=True)], [], filled, bases)
         for _ in range(BAND_ITERATIONS if self.is_large else self.settings.max_iterations):
             after = self._iterated(state)
             pairs = [] if state is None else zip(state.filled, after.filled, strict=True)
@@ -190,20 +199,6 @@ class _Solver:
                 break
         assert state is not None
         return state, changes
-
-    def _coarse(self) -> _State:
-        """Return the state of views of half the size, at full size."""
-        labels = self.labels
-        views = tuple(_half(view) for view in self.array)
-        solver = _Solver(CameraArray(views), _half_range(labels), self.settings, self.pool, self.advance)
-        state, _ = solver.solve()
-        # disparities double, steps do not
-        doubled = [np.clip(2.0 * surface, 0.0, labels.num_labels - 1.0) for surface in state.filled]
-        filled = [_repeated(surface, self.array.shape) for surface in doubled]
-        bases = [_base(surface, labels) for surface in filled]
-        near = [_repeated(occupancy.supported, self.array.shape) for occupancy in state.occupancy]
-        occupancy = [Occupancy(*pair) for pair in zip(bases, near, strict=True)]
-        return _State(occupancy, [], filled, bases)
 
     def _iterated(self, state: _State | None) -> _State:
         """Run one iteration over all cameras."""
