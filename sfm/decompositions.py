@@ -114,12 +114,8 @@ def rotate(a: Floats, p: int, q: int, cosine: float, sine: float) -> None:
 def find_roots(coefficients: Floats, roots: Floats) -> None:
     """Find real roots (N, 3), in rising order, of cubics (N, 4) with the constant first; nan fills."""
     for number in range(coefficients.shape[0]):
-        lead = coefficients[number, 3]
-        c, b, a = (
-            coefficients[number, 0] / lead,
-            coefficients[number, 1] / lead,
-            coefficients[number, 2] / lead,
-        )
+        cubic, lead = coefficients[number], coefficients[number, 3]
+        a, b, c = cubic[2] / lead, cubic[1] / lead, cubic[0] / lead
         reach = 1.0 + max(abs(a), abs(b), abs(c))
         inside = a * a - 3.0 * b
         turn = math.sqrt(inside) if inside > 0.0 else 0.0

@@ -44,7 +44,6 @@ MIN_RANK = 1e-12
 DEPTH_RATIO_FACTOR = 2.0
 """Growth of M, the ratio of the largest to the smallest depth, until a solution exists."""
 MAX_DEPTH_RATIO = 4096.0
-"""Largest M to try."""
 MIN_CALIBRATED_POINTS = 8
 """Least number of points that the self-calibration does not drop."""
 OUTWEIGH = 3.0

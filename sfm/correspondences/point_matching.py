@@ -25,7 +25,6 @@ from sfm.estimation.epipolar import distances_in_second
 from sfm.scene_model import Correspondences
 
 NUM_CORNERS = 2400
-"""Largest number of corners."""
 BORDER_PX = 8
 """Least distance of a corner from the frame's edge, so that neighbourhoods fit."""
 BINOMIAL = (1, 2, 1)

@@ -21,12 +21,8 @@ class TwoViewEstimator:
     """Points of two images, each moved to have its centroid at 0, and both scaled alike."""
 
     def __init__(self, first: Floats, second: Floats) -> None:
-        self.num_data, self._first_px, self._second_px, self.scale_px = (
-            len(first),
-            np.zeros(2),
-            np.zeros(2),
-            1.0,
-        )
+        self.num_data, self.scale_px = len(first), 1.0
+        self._first_px, self._second_px = np.zeros(2), np.zeros(2)
         if len(first):
             a, b = self._first_px, self._second_px = first.mean(axis=0), second.mean(axis=0)
             spread = math.sqrt(0.25 * float((((first - a) ** 2) + (second - b) ** 2).sum(axis=1).mean()))

@@ -102,7 +102,19 @@ def assign_positions(centres: Floats, orientation: Floats) -> tuple[Lattice, Flo
         points = offset @ np.column_stack([right, np.cross(normal, right)])
         whole = None if tilted else _whole_positions(points)
         if whole is None:
-            return _square_lattice(centres, points, right, normal)
+            # square cells, in median distances of neighbours, and real-valued positions
+            points = points - points[_middle(points)]
+            between = np.linalg.norm(points[:, None] - points[None], axis=2)
+            nearest = np.median((between + np.diag(np.full(len(points), np.inf))).min(axis=1))
+            if not nearest > 0.0:
+                raise ConfigError("cameras are one behind the other: such views cannot be rectified")
+            positions = points / nearest
+            down = np.cross(normal, right)
+            along = right if np.ptp(positions[:, 0]) >= np.ptp(positions[:, 1]) else down
+            unit = float(np.ptp(offset @ along) / np.ptp(positions, axis=0).max())
+            middle = int(np.argmin(np.abs(positions).sum(axis=1)))
+            origin = centres[middle] - (offset[middle] @ normal) * normal
+            return Lattice(origin, unit * right, unit * down), positions
         positions = whole
     return fit_lattice(centres, positions, orientation)
 
@@ -174,19 +186,3 @@ def _lattice_positions(points: Floats, v1: Floats, v2: Floats) -> Floats | None:
     fitted = np.linalg.lstsq(design, points, rcond=None)[0]
     residual = (points - design @ fitted) @ np.linalg.inv(fitted[:2])
     return whole if np.abs(residual).max() <= _NEAR_LATTICE else None
-
-
-def _square_lattice(centres: Floats, points: Floats, right: Floats, normal: Floats) -> tuple[Lattice, Floats]:
-    """Return the lattice of square cells, in median distances of neighbours, and real-valued positions."""
-    points = points - points[_middle(points)]
-    apart = np.linalg.norm(points[:, None] - points[None], axis=2) + np.diag(np.full(len(points), np.inf))
-    nearest = np.median(apart.min(axis=1))
-    if not nearest > 0.0:
-        raise ConfigError("cameras are one behind the other: such views cannot be rectified")
-    positions = points / nearest
-    offset = centres - centres.mean(axis=0)
-    along = right if np.ptp(positions[:, 0]) >= np.ptp(positions[:, 1]) else np.cross(normal, right)
-    unit = float(np.ptp(offset @ along) / np.ptp(positions, axis=0).max())
-    middle = int(np.argmin(np.abs(positions).sum(axis=1)))
-    origin = centres[middle] - (offset[middle] @ normal) * normal
-    return Lattice(origin, unit * right, unit * np.cross(normal, right)), positions

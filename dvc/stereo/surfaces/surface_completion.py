@@ -22,7 +22,6 @@ SLOPE_RADIUS_PX, SLOPE_SPACING_PX = 34, 2
 SLOPE_LIMIT = 3.0
 """Largest difference of parallax in this radius on one surface, in pixels."""
 REACH_PX = 80.0
-"""Reach of slopes."""
 SLACK_PX = 1.5
 """Largest distance between two depths of one surface, in the test whether a camera looks through a point."""
 PLANE_RADIUS_PX, PLANE_SPACING_PX = 14, 2
