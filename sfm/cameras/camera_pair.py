@@ -71,9 +71,7 @@ class SelfCalibrationSettings:
 class SelfCalibration(NamedTuple):
     """Result of the self-calibration."""
 
-    camera: (
-        Floats  # second camera in normalised coordinates, Frobenius norm sqrt(3); the first is ``[I | 0]``
-    )
+    camera: Floats  # second camera in normalised coordinates, norm sqrt(3); the first is ``[I | 0]``
     depths: Floats  # depth of each point in the first camera, in [1, `depth_ratio`]; 1 for dropped points
     inliers: Mask  # points that were not dropped
     depth_ratio: float  # M, the bound on the depths

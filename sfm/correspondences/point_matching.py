@@ -52,10 +52,8 @@ NUM_CANDIDATES = 3
 MIN_MATCH_ERROR, MIN_ERROR = 4.0, 5.0
 """Mean squared errors due to noise and sampling, of corners and of later matches, squared luma levels."""
 MATCH_ERROR_SHARE, SHIFTED_ERROR_SHARE, REFINED_ERROR_SHARE = 0.6, 0.4, 0.12
-"""Largest additional errors at whole pixels, after refinement of the position, and of position and shape.
-
-They are shares of the neighbourhood's variance.
-"""
+"""Largest additional errors at whole pixels, after refinement of the position, and of position and shape, as
+shares of the neighbourhood's variance."""
 MAX_AMBIGUITY = 0.7
 """Largest quotient of the errors of the most similar corner and the next one, plus `MIN_MATCH_ERROR` each."""
 NUM_NEIGHBOURS = 8

@@ -65,8 +65,7 @@ def window(radius_px: int) -> Floats:
     """Return the weights of a neighbourhood: Epanechnikov's kernel, which reaches zero beyond its corners."""
     offset = np.arange(-radius_px, radius_px + 1, dtype=np.float64)
     weights: Floats = 2.0 * (radius_px + 1) ** 2 - (offset[:, None] ** 2 + offset**2)
-    weights /= weights.sum()
-    return weights
+    return np.asarray(weights / weights.sum())
 
 
 @kernel

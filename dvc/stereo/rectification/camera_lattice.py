@@ -94,7 +94,18 @@ def assign_positions(centres: Floats, orientation: Floats) -> tuple[Lattice, Flo
     normal = axes[2] * (1.0 if axes[2] @ forward >= 0.0 else -1.0)
     tilted = normal @ forward < np.cos(np.radians(MAX_TILT_DEG))
     if len(centres) < 3 or spread[1] < LINE_RATIO * spread[0]:
-        positions = _positions_on_line(offset, axes[0], orientation)
+        # (t, 0) or (0, t) of centres on a line that leads rather to the right or downwards
+        across, down, _ = orientation @ axes[0]
+        in_row = abs(across) >= abs(down)
+        distance = offset @ axes[0] * (1.0 if (across if in_row else down) >= 0.0 else -1.0)
+        gaps = np.diff(np.sort(distance))
+        if not gaps.any():
+            raise ConfigError("the cameras are at one point: nothing has parallax")
+        steps = [float(np.min(gaps[gaps > 1e-6 * np.ptp(distance)])) / part for part in (1, 2, 3)]
+        numbers = next((n for step in steps if (n := _whole_numbers(distance / step)) is not None), None)
+        t = distance / float(np.median(gaps[gaps > 0.0])) if numbers is None else numbers
+        t = t - t[_middle(distance[:, None] - np.median(distance))]
+        positions = np.column_stack([t, 0.0 * t] if in_row else [0.0 * t, t])
     else:
         normal = forward if tilted else normal
         right = right - (right @ normal) * normal
@@ -117,21 +128,6 @@ def assign_positions(centres: Floats, orientation: Floats) -> tuple[Lattice, Flo
             return Lattice(origin, unit * right, unit * down), positions
         positions = whole
     return fit_lattice(centres, positions, orientation)
-
-
-def _positions_on_line(offset: Floats, direction: Floats, orientation: Floats) -> Floats:
-    """Return (t, 0) or (0, t) of centres on a line that leads rather to the right or downwards."""
-    across, down, _ = orientation @ direction
-    in_row = abs(across) >= abs(down)
-    distance = offset @ direction * (1.0 if (across if in_row else down) >= 0.0 else -1.0)
-    gaps = np.diff(np.sort(distance))
-    if not gaps.any():
-        raise ConfigError("the cameras are at one point: nothing has parallax")
-    steps = [float(np.min(gaps[gaps > 1e-6 * np.ptp(distance)])) / part for part in (1, 2, 3)]
-    whole = next((n for step in steps if (n := _whole_numbers(distance / step)) is not None), None)
-    t = distance / float(np.median(gaps[gaps > 0.0])) if whole is None else whole
-    t = t - t[_middle(distance[:, None] - np.median(distance))]
-    return np.column_stack([t, 0.0 * t] if in_row else [0.0 * t, t])
 
 
 def _middle(points: Floats) -> int:

@@ -25,7 +25,6 @@ from dvc.stereo.surfaces.occupancy import (
     EXPOSURE_RATIO,
     Comparison,
     Occupancy,
-    Regions,
     add_distance,
     fineness,
     gains,
@@ -244,9 +243,9 @@ class _Solver:
         arms = [self.arms[index, window] for window in windows]
         occupancy = state.occupancy if state is not None and settings.occlusion == "explicit" else None
         origin = base - self.half_band if self.is_large else np.zeros(view.shape, np.int64)
-        regions = Regions(arms, windows, base, Band(origin, self.num_labels))
+        band, near = Band(origin, self.num_labels), self.near[index]
         comparison = replace(self.comparison, smaller_of_opposite=settings.takes_smaller(iteration))
-        cost = photometric_cost(comparison, index, self.near[index], regions, occupancy, rows)
+        cost = photometric_cost(comparison, index, near, arms, windows, base, band, occupancy, rows)
         if state is not None and settings.geometric_weight > 0.0:
             label, mask = (plane[rows] for plane in state.occupancy[index])
             strength = np.float32(settings.geometric_weight)
