@@ -181,8 +181,8 @@ def fit_mesh(model: Model, first: Bytes, second: Bytes, cell: int = CELL_PX) -> 
         total = np.bincount(triangle.ravel(), error.ravel(), size)
         count = np.bincount(triangle.ravel(), minlength=size)
         corners, areas = mesh.second, []
-        beside, below = corners[:-1, 1:], corners[1:, :-1]
-        for corner, one, other in ((corners[:-1, :-1], beside, below), (corners[1:, 1:], below, beside)):
+        across, below = corners[:-1, 1:], corners[1:, :-1]
+        for corner, one, other in ((corners[:-1, :-1], across, below), (corners[1:, 1:], below, across)):
             a, b = one - corner, other - corner
             areas.append(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])  # twice the signed area
         bad = (np.stack(areas, axis=-1).ravel() <= 0.0) | (total > MAX_ERROR * count)

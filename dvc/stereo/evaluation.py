@@ -23,8 +23,6 @@ Floats = NDArray[np.floating]
 Truth = tuple[NDArray[np.float64], Mask | None]
 """True disparities in pixels per unit of m, NaN if unknown, and the mask of pixels that count, if not all."""
 
-MASKS = ("nonocc", "all", "disc")
-"""Masks of the Middlebury evaluation: pixels that both views see, with known truth, near discontinuities."""
 MAX_AT_AN_END_PERCENT = 20.0
 """Largest share of pixels at the first or the last disparity without a warning."""
 THRESHOLDS_PX = (0.5, 1.0, 2.0)

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.arrays import Floats, Integers
+from dvc.arrays import Floats
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, Reconstruction, Surface
 from dvc.geometry.label_inference import Inferred
@@ -24,6 +24,7 @@ from dvc.geometry.matching_costs import COSTS, Arms, Band, MatchingCost, Window,
 from dvc.stereo.surfaces.occupancy import (
     EXPOSURE_RATIO,
     Comparison,
+    Labels,
     Occupancy,
     add_distance,
     fineness,
@@ -43,8 +44,6 @@ from dvc.stereo.surfaces.surface_completion import (
     fitted_planes,
     fused,
 )
-
-Labels = Integers
 
 MAX_CELLS = 24_000_000
 """Largest number of pixels times labels in one inference; larger views are cut into strips of rows."""

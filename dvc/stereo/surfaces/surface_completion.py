@@ -31,7 +31,7 @@ PLANE_TOLERANCE_PX, MAX_CHANGE_PX = 2.25, 0.75
 PLANE_LEVELS, CONTINUED_WEIGHT, STIFFNESS_PX2 = 40.0, 0.2, 0.5
 """Sum of colour differences that divides the weight of a pixel by e, weight of a pixel without support, and
 variance that is added to that of the pixels, so that noise makes no slopes; all chosen on
-`stereo_settings.TUNING_PAIRS`."""
+`TUNING_PAIRS` of `benchmarks.searches.surfaces`."""
 
 FUSION_ROUNDS = 2
 """Number of rounds of fusion; the second one sees the corrections of the first one."""
@@ -180,7 +180,7 @@ class Evidence(NamedTuple):
 
 
 WEIGHTS = Evidence(0.1, 0.8, -3.2, 0.6, 3.2)
-"""Weights of the log-odds: by `benchmarks.searches.confidence` on `TUNING_PAIRS`, rounded."""
+"""Weights of the log-odds: by `benchmarks.searches.confidence` on its `TUNING_PAIRS`, rounded."""
 
 
 def confidence(measures: Evidence) -> Singles:
