@@ -97,12 +97,8 @@ class DecodeReport:
             number, original = index - group.first_index, self._original(index)
             if number == len(group.wyner_ziv):
                 bits = _bits(key=costs.key, tracks=costs.tracks, header=costs.header)
-                row: dict[str, Any] = {
-                    "index": index,
-                    "type": "key",
-                    "bits": bits,
-                    **_psnrs(original, group.key),
-                }
+                row: dict[str, Any] = {"index": index, "type": "key", "bits": bits}
+                row |= _psnrs(original, group.key)
                 yield DecodedPicture(times_s[number], group.key, None, None, None, row)
             else:
                 frame = group.wyner_ziv[number]

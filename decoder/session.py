@@ -294,13 +294,7 @@ class GroupsInFlight:
                     self._start_received()
                     if not self._is_ready():
                         for process in self._source.wait(self._processes):
-                            number, result = process.receive()
-                            if isinstance(result, DecodedGroup | Exception):
-                                self._outcomes[number] = result
-                                continue
-                            asked = _Asked(process, number, [(each.frame, each.run) for each in result])
-                            self._asked |= dict.fromkeys(asked.places, asked)
-                            self._source.request(result, process)
+                            self._receive(process)
                         self._start_received()
                 except (Exception, KeyboardInterrupt) as err:
                     failure = err
@@ -351,3 +345,13 @@ class GroupsInFlight:
                 self._processes.append(self._stack.enter_context(decoding_process()))
             idlest = min(self._processes, key=lambda process: (process.num_running, process.began_s))
             idlest.submit(self._waiting.popleft())
+
+    def _receive(self, process: DecodingProcess) -> None:
+        """Receive the requests or the result of a group from a process."""
+        number, outcome = process.receive()
+        if isinstance(outcome, DecodedGroup | Exception):
+            self._outcomes[number] = outcome
+        else:
+            asked = _Asked(process, number, [(request.frame, request.run) for request in outcome])
+            self._asked |= dict.fromkeys(asked.places, asked)
+            self._source.request(outcome, process)
