@@ -44,10 +44,7 @@ class KnownBand:
 
 
 class FrameState:
-    """State of the frame: prediction, noise model, known bands.
-
-    Only the parts of the prediction that are used again are kept: all of it would double the memory.
-    """
+    """State of the frame: noise model, known bands, and the parts of the prediction that are used again."""
 
     def __init__(self, layout: FrameLayout, prediction: Prediction, model: str) -> None:
         self._layout = layout
@@ -114,20 +111,10 @@ class FrameState:
         if self._refiner is not None and self.known:
             self.use(self._refiner.refine(self.luma()))
 
-    def refine_by_part(self, band: int, part: KnownBand) -> None:
-        """Refine the side information by a band with missing planes."""
-        self.set_known(band, part)
-        self.refine()
-        del self.known[band]
-
     def luma(self, bands: Floats | None = None) -> Bytes:
         """Return the frame of some bands, by default of those decoded up to now."""
         bands = self.bands if bands is None else bands
         return transform.to_uint8(transform.inverse(bands, self._layout.height, self._layout.width))
-
-    def refined_side_information(self) -> Bytes:
-        """Return the latest prediction."""
-        return self.luma(self.predicted)
 
     def frame(self) -> Frame:
         """Return the frame with the chroma that is predicted."""
@@ -314,10 +301,7 @@ class Asking:
         self._areas, self._learned, self._cost, self._multiplier = areas, learned, cost, multiplier
 
     def whole_planes(self, bands: Sequence[Band], missing: int) -> list[Choice]:
-        """Choose planes of all blocks, each in a run of its own.
-
-        The next plane of a band is chosen if that, or the next few together, save enough for every bit.
-        """
+        """Choose planes of all blocks, a run each, if the next one, or the next few together, save enough."""
         choices = []
         for band in bands:
             worth = band.worth(missing, min(missing + 1, LOOK_AHEAD))

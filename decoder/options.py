@@ -75,11 +75,6 @@ def parser() -> argparse.ArgumentParser:
     )
     add("--fallback", choices=FALLBACKS, help=fallback)
     _add_outputs(parser)
-    _add_decoding(parser)
-    return parser
-
-
-def _add_decoding(parser: argparse.ArgumentParser) -> None:
     frames = (
         "decode frames A to B-1, counted from 0, and only the groups of pictures that they need (files"
         " only); A: means to the end, :B from the beginning"
@@ -109,6 +104,7 @@ def _add_decoding(parser: argparse.ArgumentParser) -> None:
     memory = "refuse streams with headers that demand more memory than this, in MiB"
     cli.add_integer(parser, "--max-memory", (1, 2**24), memory, default=MAX_MEMORY_MIB, metavar="MIB")
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    return parser
 
 
 def _frame_slice(text: str) -> slice:

@@ -51,22 +51,17 @@ class DecodingProcess:
         self.num_running = self.num_pending = self._num_sent = 0
         self.step_s = self.began_s = 0.0
         self._connection, other = Pipe()
-        with other:
-            self._process = self._start(other)
-
-    def _start(self, connection: "Connection[Any, Any]") -> Any:
-        """Start the process with its end of the pipe; return it as `Popen` does."""
-        command = python_module("decoder.processes", connection.fileno())
         # The parent ends the process; an interrupt from the terminal is not for it.
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         try:
-            return subprocess.Popen(
-                command,
-                env=baseline_environment() | ONE_HEAP,
-                pass_fds=[connection.fileno()],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-            )
+            with other:
+                self._process = subprocess.Popen(
+                    python_module("decoder.processes", other.fileno()),
+                    env=baseline_environment() | ONE_HEAP,
+                    pass_fds=[other.fileno()],
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                )
         finally:
             os.environ[COMPILATION_NOTICE] = ""  # the first process prints it
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)

@@ -97,12 +97,29 @@ class DecodeReport:
             number, original = index - group.first_index, self._original(index)
             if number == len(group.wyner_ziv):
                 bits = _bits(key=costs.key, tracks=costs.tracks, header=costs.header)
-                row = {"index": index, "type": "key", "bits": bits, **_psnrs(original, group.key)}
+                row: dict[str, Any] = {"index": index, "type": "key", "bits": bits}
+                row |= _psnrs(original, group.key)
                 yield DecodedPicture(times_s[number], group.key, None, None, None, row)
             else:
                 frame = group.wyner_ziv[number]
-                row = _wyner_ziv_row(frame, costs.wyner_ziv_header[number], original)
                 predicted, depth = frame.side_information, frame.inverse_depth
+                header = frame.header_bits + costs.wyner_ziv_header[number]
+                luma = None if original is None else original.luma
+                row = {
+                    "index": frame.index,
+                    "type": "wz",
+                    "bits": _bits(parity=frame.parity_bits, crc=frame.crc_bits, header=header),
+                    **_psnrs(original, frame.frame),
+                    "si_psnr_y_db": _psnr(luma, predicted),
+                    "refined_si_psnr_y_db": _psnr(luma, frame.refined_side_information),
+                    "num_requests": frame.num_requests,
+                    "num_failed_planes": frame.num_failed_planes,
+                    "num_skipped_planes": frame.num_skipped_planes,
+                    "plane_bits": _by_class(frame),
+                    "side_information": frame.method,
+                    "side_information_reason": frame.reason,
+                    "decode_s": round(frame.decode_s, 6),
+                }
                 yield DecodedPicture(times_s[number], frame.frame, predicted, depth, frame.camera, row)
 
     def _original(self, index: int) -> Frame | None:
@@ -132,7 +149,17 @@ class DecodeReport:
                 frame["time_s"] = round(float(time_s), 6)
         wyner_ziv = [frame for frame in frames if frame["type"] == "wz"]
         psnrs_db = _values(frames, "psnr_y_db")
-        live: dict[str, Any] = {}
+        plane_bits: dict[str, dict[str, float | None]] = {}
+        for name in (*PLANE_CLASSES, "frame_checks", "all"):
+            parts = [part for frame in wyner_ziv for part in frame["plane_bits"].items()]
+            chosen = [cost for part, cost in parts if name in (part, "all")]
+            bits, ideal = (sum(cost[entry] for cost in chosen) for entry in ("bits", "ideal_bits"))
+            ratio = round(bits / ideal, 4) if ideal else None
+            plane_bits[name] = {"bits": bits, "ideal_bits": round(ideal, 3), "ratio": ratio}
+        live, colour = dict[str, Any](), dict[str, float]()
+        if all(name in frame for frame in frames for name in CHROMA):
+            colour = {name: fmean(_values(frames, name)) for name in CHROMA}
+            colour["psnr_yuv_db"] = psnr_yuv_db(fmean(psnrs_db), *colour.values())
         if self._delays_s:
             live["num_messages"] = self._num_messages
             live["delay_s"] = {
@@ -150,14 +177,14 @@ class DecodeReport:
             "worst_psnr_y_db": min(psnrs_db, default=None),
             "key_psnr_y_db": _mean([frame for frame in frames if frame["type"] == "key"], "psnr_y_db"),
             "wz_psnr_y_db": _mean(wyner_ziv, "psnr_y_db"),
-            **_mean_in_colour(frames),
+            **colour,
             "si_psnr_y_db": _mean(wyner_ziv, "si_psnr_y_db"),
             "refined_si_psnr_y_db": _mean(wyner_ziv, "refined_si_psnr_y_db"),
             "num_requests": sum(frame["num_requests"] for frame in wyner_ziv),
             **live,
             "num_failed_planes": sum(frame["num_failed_planes"] for frame in wyner_ziv),
             "num_skipped_planes": sum(frame["num_skipped_planes"] for frame in wyner_ziv),
-            "plane_bits": _ratios([frame["plane_bits"] for frame in wyner_ziv]),
+            "plane_bits": plane_bits,
             "decode_s": round(sum(frame["decode_s"] for frame in wyner_ziv), 6),
             "version": dvc.__version__,
             "config": self._config.to_dict(),
@@ -167,26 +194,6 @@ class DecodeReport:
 
 def _bits(**given: int) -> dict[str, int]:
     return {name: given.get(name, 0) for name in BIT_CLASSES}
-
-
-def _wyner_ziv_row(frame: DecodedFrame, record_bits: int, original: Frame | None) -> dict[str, Any]:
-    luma = None if original is None else original.luma
-    bits = _bits(parity=frame.parity_bits, crc=frame.crc_bits, header=frame.header_bits + record_bits)
-    return {
-        "index": frame.index,
-        "type": "wz",
-        "bits": bits,
-        **_psnrs(original, frame.frame),
-        "si_psnr_y_db": _psnr(luma, frame.side_information),
-        "refined_si_psnr_y_db": _psnr(luma, frame.refined_side_information),
-        "num_requests": frame.num_requests,
-        "num_failed_planes": frame.num_failed_planes,
-        "num_skipped_planes": frame.num_skipped_planes,
-        "plane_bits": _by_class(frame),
-        "side_information": frame.method,
-        "side_information_reason": frame.reason,
-        "decode_s": round(frame.decode_s, 6),
-    }
 
 
 def _psnr(original: Bytes | None, decoded: Bytes) -> float | None:
@@ -200,15 +207,6 @@ def _psnrs(original: Frame | None, decoded: Frame) -> dict[str, float | None]:
     pairs = zip(CHROMA, original.chroma or (), decoded.chroma or (), strict=False)
     chroma_db = {name: _psnr(*planes) for name, *planes in pairs}
     return {"psnr_y_db": _psnr(original.luma, decoded.luma), **chroma_db}
-
-
-def _mean_in_colour(frames: list[dict[str, Any]]) -> dict[str, float]:
-    """Return the mean PSNRs of chroma and of all planes, if the reference has chroma."""
-    if not all(name in frame for frame in frames for name in CHROMA):
-        return {}
-    cb_db, cr_db = (fmean(_values(frames, name)) for name in CHROMA)
-    yuv_db = psnr_yuv_db(fmean(_values(frames, "psnr_y_db")), cb_db, cr_db)
-    return {**dict(zip(CHROMA, (cb_db, cr_db), strict=True)), "psnr_yuv_db": yuv_db}
 
 
 def _mean(frames: list[dict[str, Any]], name: str) -> float | None:
@@ -230,14 +228,3 @@ def _by_class(frame: DecodedFrame) -> dict[str, dict[str, float]]:
     shared = frame.parity_bits + frame.crc_bits - sum(cost.bits for cost in frame.band_costs)
     classes["frame_checks"] = {"bits": shared, "ideal_bits": 0.0}
     return classes
-
-
-def _ratios(frames: list[dict[str, dict[str, float]]]) -> dict[str, dict[str, float | None]]:
-    """Add up received and ideal bits over frames, and divide the first by the second."""
-    totals: dict[str, dict[str, float | None]] = {}
-    for name in (*PLANE_CLASSES, "frame_checks", "all"):
-        chosen = [cost for frame in frames for part, cost in frame.items() if name in (part, "all")]
-        bits, ideal = (sum(cost[entry] for cost in chosen) for entry in ("bits", "ideal_bits"))
-        ratio = round(bits / ideal, 4) if ideal else None
-        totals[name] = {"bits": bits, "ideal_bits": round(ideal, 3), "ratio": ratio}
-    return totals

@@ -118,7 +118,7 @@ def _outcome(index: int, state: FrameState, **costs: Any) -> DecodedFrame:
         index=index,
         frame=state.frame(),
         side_information=state.side_information,
-        refined_side_information=state.refined_side_information(),
+        refined_side_information=state.luma(state.predicted),
         inverse_depth=state.inverse_depth,
         camera=state.camera,
         method=state.method,
@@ -156,7 +156,15 @@ class _Frame:
                 state.gain = float(np.sqrt(state.gain * band.gain))
                 state.set_known(band.number, band.known)
             if numbers[-1] == coded[-1]:
-                self._correct((yield ()))
+                again = yield ()
+                if again:  # some bits were wrong: all are entered again
+                    for band in self.bands.values():
+                        band.forget()
+                    everything = [plane for planes in again for plane in planes]
+                    for (band, blocks), (bits, _, _) in zip(self.taken, everything, strict=True):
+                        band.enter(blocks, bits)
+                    for number, known in state.known.items():
+                        state.set_known(number, replace(self.bands[number].known, scale=known.scale))
             if asked:
                 state.refine()
         return _outcome(
@@ -184,7 +192,9 @@ class _Frame:
             if refines and missing and continued:
                 (band,) = bands
                 if np.mean(band.upper - band.lower) < REFINING_WIDTH * band.gain * np.mean(band.scale):
-                    self.state.refine_by_part(band.number, band.known)
+                    self.state.set_known(band.number, band.known)  # without its missing planes
+                    self.state.refine()
+                    del self.state.known[band.number]
                     band.predict(self.state)
 
     def _decode_planes(self, choices: Sequence[Choice], missing: int) -> StageCoroutine:
@@ -216,18 +226,6 @@ class _Frame:
         return self.learned.priors.plane(
             band.place(missing), borders, band.predicted, band.noise, dc_error, wanted.blocks
         )
-
-    def _correct(self, again: Sequence[Sequence[Decoded]]) -> None:
-        """Enter all bits again if some were wrong."""
-        if not again:
-            return
-        for band in self.bands.values():
-            band.forget()
-        everything = [plane for planes in again for plane in planes]
-        for (band, blocks), (bits, _, _) in zip(self.taken, everything, strict=True):
-            band.enter(blocks, bits)
-        for number, known in self.state.known.items():
-            self.state.set_known(number, replace(self.bands[number].known, scale=known.scale))
 
 
 class _Run:

@@ -12,13 +12,11 @@ from sequences.shapes import Ids, Mesh
 NEAR_M = 0.05
 """Distance before the camera from which surfaces are visible, metres."""
 OCTAVES = 8
-"""Largest number of octaves of noise."""
 LIFT_M = 0.03
 """Distance of a point from its surface when it is compared with the shadow map, metres."""
 HAZE_PER_M = 0.0014
 """Extinction of the air."""
 CLOUD = 1.5
-"""Radiance of clouds."""
 
 
 class Materials(NamedTuple):

@@ -149,9 +149,7 @@ def _file_entry(name: str, path: Path) -> Entry:
         about = Remarks("unknown", "unreadable", "not described", str(err))
         return Entry(name, "file", 0, 0, Fraction(0), None, str(path), about)
     num_frames = info.num_frames
-    if (
-        not num_frames
-    ):  # count the coded pictures without decoding them, if the container can be walked through
+    if not num_frames:  # count the coded pictures without decoding them, if the container permits
         with suppress(av.error.FFmpegError, IndexError, OSError), av.open(str(path)) as container:
             stream = container.streams.video[0]
             num_frames = sum(1 for packet in container.demux(stream) if packet.size)
@@ -159,10 +157,7 @@ def _file_entry(name: str, path: Path) -> Entry:
 
 
 def resolve(name_or_path: str | Path) -> Path | Description:
-    """Resolve a name or path to a rendered scene, a file of the data folder, or any file.
-
-    A name with a suffix means an existing file first, then one of the data folder.
-    """
+    """Resolve a name to a scene or a file; with a suffix an existing file comes before the data folder."""
     name = str(name_or_path)
     if not isinstance(name_or_path, Path) and name in VIDEO_SCENES:
         return VIDEO_SCENES[name]

@@ -51,6 +51,8 @@ def digest(path: str | Path) -> str:
 
 def fetch(name: str, origin: str, out: Path, bar: Bar) -> Path:
     """Make a clip; with a wrong digest it stays as ``NAME-unchecked.mkv``, and an error is raised."""
+    import cv2
+
     source, final = SOURCES[name], out / f"{name}.mkv"
     if final.exists():
         _compare(name, final)
@@ -69,7 +71,16 @@ def fetch(name: str, origin: str, out: Path, bar: Bar) -> Path:
         ):
             count = 0
             for planes in _planes(source, files):
-                writer.write(_scaled(planes, source.crop))
+                height, width = planes[0].shape
+                scaled = []  # each plane cropped, and scaled by area averaging
+                for plane, side in zip(planes, (1, 2, 2), strict=True):
+                    across, down = width // plane.shape[1], height // plane.shape[0]
+                    x, y, columns, rows = np.floor_divide(source.crop, (across, down, across, down)).tolist()
+                    cut, target = plane[y : y + rows, x : x + columns], (SIZE[0] // side, SIZE[1] // side)
+                    smooth = cv2.resize(cut, target, interpolation=cv2.INTER_AREA)
+                    scaled.append(smooth.astype(np.uint8, copy=False))
+                luma, cb, cr = scaled
+                writer.write(Frame(luma, (cb, cr)))
                 count += 1
                 progress(1)
             if count != source.num_frames:
@@ -149,19 +160,3 @@ def _planes(source: Source, files: list[Path]) -> Iterator[list[Plane]]:
             raise VideoError(f"{file.name}: {shape}")
         converted = picture.reformat(format="yuv444p", dst_colorspace="ITU601", dst_color_range="MPEG")
         yield list(converted.to_ndarray())
-
-
-def _scaled(planes: list[Plane], crop: tuple[int, int, int, int]) -> Frame:
-    """Crop a frame and scale each plane by area averaging."""
-    import cv2
-
-    height, width = planes[0].shape
-    scaled = []
-    for plane, side in zip(planes, (1, 2, 2), strict=True):
-        across, down = width // plane.shape[1], height // plane.shape[0]
-        x, y, columns, rows = crop[0] // across, crop[1] // down, crop[2] // across, crop[3] // down
-        target = (SIZE[0] // side, SIZE[1] // side)
-        cut = plane[y : y + rows, x : x + columns]
-        scaled.append(cv2.resize(cut, target, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False))
-    luma, cb, cr = scaled
-    return Frame(luma, (cb, cr))

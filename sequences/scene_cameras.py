@@ -84,8 +84,7 @@ def project(camera: Camera, points_in_world: Floats) -> tuple[Floats, Floats]:
 def ray_directions(camera: Camera, xy: Floats) -> Floats:
     """Return the world directions (N, 3) of image points (N, 2), each one metre of depth long."""
     rays = np.column_stack([xy, np.ones(len(xy))]) @ np.linalg.inv(camera.K).T
-    directions: Floats = rays @ camera.cam_from_world[:, :3]
-    return directions
+    return np.asarray(rays @ camera.cam_from_world[:, :3])
 
 
 def back_project(camera: Camera, xy: Floats, depth_m: Floats) -> Floats:

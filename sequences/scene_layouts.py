@@ -124,7 +124,6 @@ def _past_stairway(index: float, seed: int) -> Floats:
 
 
 ROUND = 120
-"""Number of frames of a round."""
 
 
 def _round(index: float, seed: int) -> Floats:

@@ -181,13 +181,8 @@ def column(foot: ArrayLike, height: float, radius: float) -> Mesh:
     """Make a round stone column with base and capital."""
     r, h = radius, height
     profile = [(1.35 * r, 0.0), (1.35 * r, 0.25 * r), (1.1 * r, 0.4 * r), (0.97 * r, 0.5 * r)]
-    profile += [
-        (0.93 * r, 0.4 * h),
-        (0.82 * r, h - 0.8 * r),
-        (1.25 * r, h - 0.4 * r),
-        (1.35 * r, h - 0.3 * r),
-        (1.35 * r, h),
-    ]
+    profile += [(0.93 * r, 0.4 * h), (0.82 * r, h - 0.8 * r), (1.25 * r, h - 0.4 * r)]
+    profile += [(1.35 * r, h - 0.3 * r), (1.35 * r, h)]
     return lathe(profile, foot, MARBLE.shaded(0.9), 20)
 
 

@@ -54,7 +54,6 @@ MATERIALS = {
         (2.1, 0.14), (0.006, 0.012), (0.03, 0.025, 0.02), (0.37, 0.0), (0.3, 0.3), (1.2, 0.85, 0.1)
     ),
 }
-"""Textures by name."""
 NUMBER = {name: k for k, name in enumerate(MATERIALS)}
 
 

@@ -3,8 +3,7 @@
 import argparse
 import json
 import sys
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dvc import cli
 from dvc.config import MAPPERS, SFM_BACKENDS
@@ -13,8 +12,6 @@ from dvc.errors import ConfigError, DvcError
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-    from sfm.scene_model import Reconstruction
 
 PROG = "dvc-sfm"
 EXAMPLES = """\
@@ -67,17 +64,16 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.second is not None and arguments.mapper is not None:
         raise ConfigError("--mapper requires a single input, a video; for two pictures use --sfm")
     check_folder(arguments.out)
-    summary = _map(arguments) if arguments.second is None else _reconstruct(arguments)
+    if arguments.second is None:
+        from sfm.output.scene_folder import map_to_folder
+
+        report, mapper = None if arguments.quiet else _report, arguments.mapper or MAPPERS[0]
+        summary = map_to_folder(arguments.first, arguments.out, mapper, report).summary
+    else:
+        summary = _reconstruct(arguments)
     if not arguments.quiet:
         sys.stdout.write(summary + "\n")
     return 0
-
-
-def _map(arguments: argparse.Namespace) -> str:
-    from sfm.output.scene_folder import map_to_folder
-
-    report = None if arguments.quiet else _report
-    return map_to_folder(arguments.first, arguments.out, arguments.mapper or MAPPERS[0], report).summary
 
 
 def _report(message: str) -> None:
@@ -87,6 +83,8 @@ def _report(message: str) -> None:
 
 def _reconstruct(arguments: argparse.Namespace) -> str:
     from dvc.files import atomic_folder
+    from dvc.picture_files import write_png
+    from sfm.output import map_files
     from sfm.pipeline import reconstruct
 
     numbers = arguments.frames or (0, 0)
@@ -96,8 +94,22 @@ def _reconstruct(arguments: argparse.Namespace) -> str:
         raise ConfigError(f"both pictures must have the same size, got {sizes[0]} and {sizes[1]}")
     backend, seed = arguments.sfm or SFM_BACKENDS[0], arguments.seed or 0
     reconstruction = reconstruct(first, second, backend=backend, seed=seed)
+    model = reconstruction.model
+    fundamental = None if model is None else model.fundamental
+    pictures = [
+        map_files.draw_correspondences(
+            second, matches, fundamental, f"{name}: {len(matches)} correspondences"
+        )
+        for name, matches in reconstruction.stages.items()
+        if name in ("weak calibration", "propagation")
+    ]
     with atomic_folder(arguments.out) as folder:
-        _write(folder, reconstruction, first, second)
+        document = json.dumps(map_files.to_dict(reconstruction), indent=1)
+        (folder / "model.json").write_text(f"{document}\n")
+        if model is not None:
+            map_files.write_model(folder, model, map_files.point_colours(first, model.correspondences.first))
+        if pictures:
+            write_png(folder / "correspondences.png", map_files.side_by_side(pictures))
     lines = [
         f"{name:20} {len(matches):6d} correspondences" for name, matches in reconstruction.stages.items()
     ]
@@ -112,27 +124,6 @@ def _luma(path: str, index: int) -> "NDArray[np.uint8]":
         for frame in reader:
             return frame.luma
     raise DvcError(f"{path} has no frame {index}")
-
-
-def _write(folder: Path, reconstruction: "Reconstruction", first: Any, second: Any) -> None:
-    from dvc.picture_files import write_png
-    from sfm.output import map_files
-
-    document = json.dumps(map_files.to_dict(reconstruction), indent=1)
-    (folder / "model.json").write_text(f"{document}\n")
-    model = reconstruction.model
-    if model is not None:
-        map_files.write_model(folder, model, map_files.point_colours(first, model.correspondences.first))
-    fundamental = None if model is None else model.fundamental
-    pictures = [
-        map_files.draw_correspondences(
-            second, matches, fundamental, f"{name}: {len(matches)} correspondences"
-        )
-        for name, matches in reconstruction.stages.items()
-        if name in ("weak calibration", "propagation")
-    ]
-    if pictures:
-        write_png(folder / "correspondences.png", map_files.side_by_side(pictures))
 
 
 main = cli.command(PROG, _parser, _run, extra="decode")

@@ -24,18 +24,14 @@ NOTHING = 1e-31
 
 
 def right_singular(matrices: Floats) -> tuple[Floats, Floats]:
-    """Return singular values (..., n), the largest first, and right singular vectors, rows of (..., n, n).
-
-    If a matrix has fewer rows than columns, the last vectors span its null space.
-    """
+    """Return singular values (..., n), falling, and right singular vectors as rows, null space included."""
     _, values, rows = _decomposed(matrices)
     return values, rows
 
 
 def least_singular(matrices: Floats) -> Floats:
     """Return the right singular vectors (..., n) of the least values; for Gram matrices the eigenvectors."""
-    rows: Floats = _decomposed(matrices)[2][..., -1, :]
-    return rows
+    return _decomposed(matrices)[2][..., -1, :]
 
 
 def svd(matrix: Floats) -> tuple[Floats, Floats, Floats]:
@@ -118,12 +114,8 @@ def rotate(a: Floats, p: int, q: int, cosine: float, sine: float) -> None:
 def find_roots(coefficients: Floats, roots: Floats) -> None:
     """Find real roots (N, 3), in rising order, of cubics (N, 4) with the constant first; nan fills."""
     for number in range(coefficients.shape[0]):
-        lead = coefficients[number, 3]
-        c, b, a = (
-            coefficients[number, 0] / lead,
-            coefficients[number, 1] / lead,
-            coefficients[number, 2] / lead,
-        )
+        cubic, lead = coefficients[number], coefficients[number, 3]
+        a, b, c = cubic[2] / lead, cubic[1] / lead, cubic[0] / lead
         reach = 1.0 + max(abs(a), abs(b), abs(c))
         inside = a * a - 3.0 * b
         turn = math.sqrt(inside) if inside > 0.0 else 0.0

@@ -24,10 +24,8 @@ AS_WRITTEN = SelfCalibrationSettings(
 )
 """The linear program exactly as in section 5.2 of the thesis."""
 MIN_NUM_POINTS = 100
-"""Number of correspondences of a trusted model from CIF size on; smaller pictures need down to half of it.
-
-Chosen on the clip "stone" (QP 32, 17 frames): 50 and 200 took 5 % more Wyner-Ziv bits than 100.
-"""
+"""Number of correspondences of a trusted model from CIF size on; smaller pictures need down to half of it. On
+the clip "stone" (QP 32, 17 frames) 50 and 200 took 5 % more Wyner-Ziv bits than 100."""
 MIN_COVERAGE = 0.25
 """Least share of the cells of an 8x8 grid that hold a correspondence of a trusted model."""
 MIN_INLIER_SHARE = 0.4

@@ -4,8 +4,8 @@
 ``../shared/stereo`` and prints for each the area under the sparsification curve (errors beyond 1 px, all
 pixels with known truth, in per cent): without any order, with the weights of
 `surface_completion`, with weights found on the other pairs, and of the best order. Finally it
-prints the weights found on all; those in use come from `TUNING_PAIRS`. ``--pairs test`` selects the test
-pairs.
+prints the weights found on all; those in use come from `TUNING_PAIRS` of `surfaces`. ``--pairs test``
+selects the test pairs.
 """
 
 import argparse

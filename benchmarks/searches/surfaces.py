@@ -5,7 +5,7 @@ reconstructs pairs below ``../shared/stereo`` with default or changed settings: 
 and constants of modules by their full names. A row has the share that is off by more than 1 and 0.5 px, of
 all pixels and of those that both views see, ours and that of StereoSGBM with the one of `GRID` that is best
 on all these pairs; the last rows the ratio of the means and the geometric mean of ratios. The settings were
-chosen on `TUNING_PAIRS` of `dvc.stereo.surfaces.stereo_settings`; ``--pairs test`` selects the test pairs.
+chosen on `TUNING_PAIRS`; ``--pairs test`` selects the test pairs.
 """
 
 import argparse
@@ -27,11 +27,18 @@ from benchmarks.thesis.scenes import PAIRS, RealSet
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels
 from dvc.stereo.evaluation import read_mask, read_truth
 from dvc.stereo.surfaces.reconstruct import reconstruct
-from dvc.stereo.surfaces.stereo_settings import TEST_PAIRS, TUNING_PAIRS, StereoSettings
+from dvc.stereo.surfaces.stereo_settings import StereoSettings
 
 DATA = Path("..") / "shared" / "stereo"
 SCALES = {"barn1": 8.0, "bull": 8.0, "sawtooth": 8.0}
 THRESHOLDS_PX = 1.0, 0.5
+TUNING_PAIRS = (
+    *("tsukuba", "venus", "teddy", "cones"),
+    *("Adirondack_Q", "Baby1", "Bowling2", "Flowerpots", "Lampshade1"),
+    *("Monopoly", "Playroom_Q", "Rocks1", "barn1", "sawtooth"),
+)
+TEST_PAIRS = "Aloe", "Cloth3", "Midd1", "Pipes_Q", "Recycle_Q", "Wood2", "bull"
+"""Pairs of Middlebury for the choice of settings, and for the comparison of several trials."""
 GRID = [
     SemiGlobalSettings(size, first * size**2, second * size**2, uniqueness_ratio=unique)
     for size, (first, second), unique in product((3, 5, 7), ((24, 96), (12, 200), (24, 200)), (0, 10))

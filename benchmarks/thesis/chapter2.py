@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from benchmarks.baselines.opencv_stereo import BASELINE as BASELINE_SETTINGS
 from benchmarks.baselines.opencv_stereo import semi_global_baseline
 from benchmarks.thesis.harness import Method, Step, StepResult, Task, Value, load_chapter
-from benchmarks.thesis.scenes import PAIRS, TSUKUBA, RealSet, check_names, rectified_toy
+from benchmarks.thesis.scenes import MASKS, PAIRS, TSUKUBA, RealSet, check_names, rectified_toy
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition, Reconstruction
 from dvc.layers.layered_depth_image import LayeredDepthImage, layered_depth_image
 from dvc.layers.sprites import SpriteSettings, extract_sprites
-from dvc.stereo.evaluation import MASKS, disparity_error, read_mask
+from dvc.stereo.evaluation import disparity_error, read_mask
 from dvc.stereo.layer_commands import PAPER, draw_layers, draw_sprites, draw_values_per_pixel
 from dvc.stereo.reconstruct_commands import preview
 from dvc.stereo.surfaces.reconstruct import reconstruct

@@ -16,13 +16,15 @@ from dvc.environment import python_module
 from dvc.errors import ConfigError, DvcError
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.rd.child_processes import ProcessGroup
-from dvc.stereo.evaluation import MASKS, Evaluation, evaluate, read_mask, read_truth
+from dvc.stereo.evaluation import Evaluation, evaluate, read_mask, read_truth
 from dvc.stereo.rectification.rectified_array import RectifiedArray, rectified_array
 
 MOTORCYCLE = "motorcycle"
 MOTORCYCLE_DISPARITIES, CGTOY_DISPARITIES = "0:64", "-15:9:0.5"
 TSUKUBA_BORDER_PX = 2
 """Width of the border with artefacts of the camera, which is removed as in the thesis."""
+MASKS = ("nonocc", "all", "disc")
+"""Masks of the Middlebury evaluation: pixels that both views see, with known truth, near discontinuities."""
 
 
 @dataclass(frozen=True)

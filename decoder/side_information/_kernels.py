@@ -103,10 +103,7 @@ def quarter_samples(padded, planes):
 
 @inlined_kernel
 def _square_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, size):
-    """SAD of two squares of 8 to 15 samples; the side is a constant of the caller.
-
-    Rows are compared as two vectors of 8 samples: those on the left of a row, and those on the right.
-    """
+    """SAD of two squares of 8 to 15 samples, two vectors of 8 a row; the caller's side is a constant."""
     phase_a = np.uintp(row_a & 3), np.uintp(column_a & 3)
     phase_b = np.uintp(row_b & 3), np.uintp(column_b & 3)
     ya, xa, yb, xb = row_a >> 2, column_a >> 2, row_b >> 2, column_b >> 2
@@ -126,10 +123,7 @@ def _square_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, size):
 
 @inlined_kernel
 def block_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, size):
-    """Sum of absolute differences (SAD) of two blocks; positions in quarter samples of the padded planes.
-
-    All samples are compared: to stop early takes longer than vectors do, for sides of 8, 12, 16 and 24.
-    """
+    """SAD of two blocks at quarter samples of padded planes; to stop early takes longer than vectors do."""
     if size == 8:
         return _square_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, 8)
     if size == 12:
@@ -317,10 +311,7 @@ def quarter_sums(sums, row, column, half):
 
 @kernel
 def search_target(searched, reference, blocks, steps, offsets, costs):
-    """Move offsets of blocks that do not match well `enough` to the best match within `radius` steps.
-
-    The differences of the sums of quarters bound the SAD from below.
-    """
+    """Move offsets of blocks that match badly to the best match; sums of quarters bound SADs from below."""
     (target, target_sums), (planes, sums) = searched, reference
     margin, block, window = blocks
     radius, step, smoothness, enough = steps

@@ -12,6 +12,7 @@ for pixel domain distributed video coding", EURASIP Conf. on Speech, Image Proce
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from typing import NamedTuple
@@ -43,8 +44,7 @@ def low_pass(plane: Bytes) -> Bytes:
     padded = np.pad(plane.astype(np.int32), 1, mode="edge")
     columns = padded[:-2] + padded[1:-1] + padded[2:]
     total = columns[:, :-2] + columns[:, 1:-1] + columns[:, 2:]
-    smooth: Bytes = ((total + 4) // 9).astype(np.uint8)
-    return smooth
+    return np.asarray(((total + 4) // 9).astype(np.uint8))
 
 
 def halve(plane: Bytes) -> Bytes:
@@ -142,11 +142,11 @@ SEARCHES = (
 """Searches of the first, second, ... and all later calls: later ones have less to search."""
 
 
+@dataclass(eq=False)
 class _Image:
     """Planes to be searched."""
 
-    def __init__(self, planes: Bytes) -> None:
-        self.planes = planes
+    planes: Bytes
 
     @lru_cache(NUM_SUMS)  # noqa: B019 - it is bounded
     def sums(self, side: int) -> NDArray[np.uint16]:

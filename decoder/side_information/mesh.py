@@ -5,7 +5,6 @@ that turn over or compensate badly are dropped, and the fit repeated. [Maitre200
 (5.10), the latter with the smoothness of motions that the text asks for.
 """
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,8 +44,7 @@ class Barycentric(NamedTuple):
     def interpolate(self, values: Floats) -> Floats:
         """Interpolate values (V,) or (V, 2) of the vertices."""
         weights = self.weights.reshape(*self.weights.shape, *(1,) * (values.ndim - 1))
-        mixed: Floats = (weights * values[self.vertices]).sum(axis=1)
-        return mixed
+        return np.asarray((weights * values[self.vertices]).sum(axis=1))
 
     def matrix(self, num_vertices: int) -> Any:
         """Return the sparse matrix that `interpolate` applies."""
@@ -92,17 +90,12 @@ EPIPOLE_MARGIN_PX = 4.0
 """Distance from the epipole below which vertices have no information about depth."""
 NO_PARALLAX = 1e-9
 """Least squared motion, in pixels per unit of inverse depth, of an informative vertex."""
-
-
-@dataclass(frozen=True)
-class MeshSettings:
-    """How the mesh is fitted."""
-
-    cell_px: int = 16  # side of its cells
-    smoothness: float = 0.3  # weight of the smoothness of motions (mu)
-    # least mean absolute compensation error of a triangle, in luma levels, that makes its points outliers
-    max_error: float = 30.0
-    max_fits: int = 8  # most fits
+CELL_PX = 16
+SMOOTHNESS = 0.3
+"""Weight of the smoothness of motions (mu)."""
+MAX_ERROR = 30.0
+"""Least mean absolute compensation error of a triangle, in luma levels, that makes its points outliers."""
+MAX_FITS = 8
 
 
 class Mesh(NamedTuple):
@@ -125,10 +118,10 @@ class MeshInterpolator:
         first: Bytes,
         second: Bytes,
         known: Known = (None, None),
-        settings: MeshSettings = MeshSettings(),
+        cell_px: int = CELL_PX,
     ) -> None:
         self._frame = model.pixel_frame
-        mesh = fit_mesh(model, first, second, settings)
+        mesh = fit_mesh(model, first, second, cell_px)
         warp = warp_matrix(model.first_camera, model.second_camera, model.pixel_frame)
         in_first, _ = mesh_depth(mesh, first.shape)
         vertices = warp_grid(warp, mesh.inverse_depth, -mesh.cell_px, mesh.cell_px)
@@ -147,10 +140,9 @@ class MeshInterpolator:
         return render_between(self.views, camera, temporal_position, self._frame)
 
 
-def fit_mesh(model: Model, first: Bytes, second: Bytes, settings: MeshSettings) -> Mesh:
+def fit_mesh(model: Model, first: Bytes, second: Bytes, cell: int = CELL_PX) -> Mesh:
     """Fit the mesh to correspondences, and drop outliers until none is left."""
     warp = warp_matrix(model.first_camera, model.second_camera, model.pixel_frame)
-    cell = settings.cell_px
     shape = (-(-(first.shape[0] - 1) // cell) + 3, -(-(first.shape[1] - 1) // cell) + 3)
     rows, columns = np.indices(shape)
     grid = np.stack([columns.ravel(), rows.ravel()], axis=-1) * float(cell) - cell  # in the first key frame
@@ -158,9 +150,19 @@ def fit_mesh(model: Model, first: Bytes, second: Bytes, settings: MeshSettings) 
     kept = np.asarray(np.isfinite(np.column_stack([points, matches])).all(axis=1))
     farthest = (np.array(shape[::-1]) - 2) * cell
     kept &= np.logical_and(points >= -cell, points <= farthest).all(axis=1)
-    for _ in range(settings.max_fits):
+    closest, direction = epipolar_lines(warp, grid)
+    roughness = roughness_matrix(shape)
+    for _ in range(MAX_FITS):
         weights = barycentric(points[kept], shape, cell).matrix(len(grid))
-        vertices = _moved_vertices(grid, weights, matches[kept], warp, shape, settings.smoothness)
+        # Solve (5.10) for the positions of the vertices in the second key frame.
+        normal, right = RIDGE * sparse.eye_array(len(grid)), np.zeros(len(grid))
+        for axis in (0, 1):
+            along = sparse.diags_array(direction[:, axis])
+            data, smooth = weights @ along, SMOOTHNESS * roughness @ along
+            normal = normal + data.T @ data + smooth.T @ smooth
+            right += data.T @ (matches[kept, axis] - weights @ closest[:, axis])
+            right -= SMOOTHNESS * smooth.T @ (roughness @ (closest - grid)[:, axis])
+        vertices = np.asarray(closest + spsolve(normal.tocsc(), right)[:, None] * direction, np.float64)
         depth, third = inverse_depths(grid, warp, vertices)
         epipole = warp[:, 3]
         offset = epipole[:2] - vertices * epipole[2]
@@ -168,29 +170,27 @@ def fit_mesh(model: Model, first: Bytes, second: Bytes, settings: MeshSettings) 
         near = (offset**2).sum(axis=1) <= (EPIPOLE_MARGIN_PX * epipole[2]) ** 2 + NO_PARALLAX
         depth = fill_holes(np.where(near | (third <= 1e-6), EMPTY, depth).reshape(shape))
         mesh = Mesh(cell, vertices.reshape(*shape, 2), depth, kept.copy())
-        bad = _bad_triangles(mesh, warp, first, second, settings.max_error)
+        # Triangles are bad that turn over or compensate badly.
+        inside, triangle = mesh_depth(mesh, first.shape)
+        moved = warp_grid(warp, inside)
+        error = np.abs(sample(second, moved) - first)
+        height, width = first.shape
+        x, y = moved[..., 0], moved[..., 1]
+        error[(x < 0) | (y < 0) | (x > width - 1) | (y > height - 1)] = 0.0
+        size = 2 * (shape[0] - 1) * (shape[1] - 1)
+        total = np.bincount(triangle.ravel(), error.ravel(), size)
+        count = np.bincount(triangle.ravel(), minlength=size)
+        corners, areas = mesh.second, []
+        across, below = corners[:-1, 1:], corners[1:, :-1]
+        for corner, one, other in ((corners[:-1, :-1], across, below), (corners[1:, 1:], below, across)):
+            a, b = one - corner, other - corner
+            areas.append(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])  # twice the signed area
+        bad = (np.stack(areas, axis=-1).ravel() <= 0.0) | (total > MAX_ERROR * count)
         outlier: Mask = kept & bad[barycentric(np.where(kept[:, None], points, 0.0), shape, cell).triangle]
         if not outlier.any():
             break
         kept &= ~outlier
     return mesh
-
-
-def _moved_vertices(
-    grid: Floats, weights: Any, matches: Floats, warp: Floats, shape: tuple[int, int], smoothness: float
-) -> Floats:
-    """Solve (5.10) for the positions of the vertices in the second key frame."""
-    closest, direction = epipolar_lines(warp, grid)
-    roughness = roughness_matrix(shape)
-    normal = RIDGE * sparse.eye_array(len(grid))
-    right = np.zeros(len(grid))
-    for axis in (0, 1):
-        along = sparse.diags_array(direction[:, axis])
-        data, smooth = weights @ along, smoothness * roughness @ along
-        normal = normal + data.T @ data + smooth.T @ smooth
-        right += data.T @ (matches[:, axis] - weights @ closest[:, axis])
-        right -= smoothness * smooth.T @ (roughness @ (closest - grid)[:, axis])
-    return np.asarray(closest + spsolve(normal.tocsc(), right)[:, None] * direction, dtype=np.float64)
 
 
 def mesh_depth(mesh: Mesh, shape: tuple[int, ...]) -> tuple[Floats, Integers]:
@@ -199,23 +199,3 @@ def mesh_depth(mesh: Mesh, shape: tuple[int, ...]) -> tuple[Floats, Integers]:
     points = np.stack([columns.ravel(), rows.ravel()], axis=-1).astype(np.float64)
     where = barycentric(points, mesh.inverse_depth.shape, mesh.cell_px)
     return where.interpolate(mesh.inverse_depth.ravel()).reshape(shape), where.triangle.reshape(shape)
-
-
-def _bad_triangles(mesh: Mesh, warp: Floats, first: Bytes, second: Bytes, max_error: float) -> Mask:
-    """Return a mask of the triangles that turn over or compensate badly."""
-    depth, triangle = mesh_depth(mesh, first.shape)
-    moved = warp_grid(warp, depth)
-    error = np.abs(sample(second, moved) - first)
-    height, width = first.shape
-    x, y = moved[..., 0], moved[..., 1]
-    error[(x < 0) | (y < 0) | (x > width - 1) | (y > height - 1)] = 0.0
-    cells = (mesh.second.shape[0] - 1) * (mesh.second.shape[1] - 1)
-    total = np.bincount(triangle.ravel(), error.ravel(), 2 * cells)
-    count = np.bincount(triangle.ravel(), minlength=2 * cells)
-    corners, areas = mesh.second, []
-    right, below = corners[:-1, 1:], corners[1:, :-1]
-    for corner, one, other in ((corners[:-1, :-1], right, below), (corners[1:, 1:], below, right)):
-        a, b = one - corner, other - corner
-        areas.append(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])  # twice the signed area
-    turned = np.stack(areas, axis=-1).ravel() <= 0.0
-    return np.asarray(turned | (total > max_error * count))

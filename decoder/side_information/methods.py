@@ -141,8 +141,7 @@ class GroupGeometry:
 
     def positions(self, index: int) -> Floats:
         """Return the positions of the points in one frame."""
-        positions: Floats = self.tracks.positions[:, index - self.first_index]
-        return positions
+        return self.tracks.positions[:, index - self.first_index]
 
     def camera(self, index: int) -> Floats | None:
         """Return the camera of one frame."""

@@ -4,7 +4,7 @@ import numpy as np
 
 from decoder.side_information.protocol import Interpolation
 from decoder.side_information.synthesis import block_medians, neighbourhood, render_between
-from dvc.arrays import Bytes, Floats, Mask
+from dvc.arrays import Bytes, Floats
 from dvc.geometry.cameras import homogeneous, inverse_depth_range
 from dvc.geometry.continuation import DepthMap
 from dvc.geometry.depth_maps import DepthView, Known, estimate_depths
@@ -122,13 +122,8 @@ class BlockInterpolator:
         rendered = render_depth(self.views, camera, frame)
         start = block_medians(rendered.inverse_depth, BLOCK_PX)
         visible = block_medians(rendered.reliable.astype(np.float64), BLOCK_PX) >= 0.5
-        blocks = self._block_depths(camera, rendered.inverse_depth.shape, start, visible)
-        depth = DepthMap(spread_blocks(blocks, BLOCK_PX, rendered.inverse_depth.shape), rendered.visibility)
-        return render_between(self.views, camera, temporal_position, frame, depth)
-
-    def _block_depths(self, camera: Floats, shape: tuple[int, int], start: Floats, visible: Mask) -> Floats:
-        """Search the inverse depth of every block of a view, starting from the rendered one."""
-        frame = self._model.pixel_frame
+        shape = rendered.inverse_depth.shape
+        # Search the inverse depth of every block, starting from the rendered one.
         first, second = (warp_matrix(camera, view.camera, frame) for view in self.views)
         view = VirtualView(self._features, (first, second), BLOCK_PX)
         # The reference of the largest motion by depth, which grows with the distance between camera centres.
@@ -150,9 +145,11 @@ class BlockInterpolator:
         cost += np.floor(leaving + 0.5).astype(np.int16)
         plain = np.zeros(cost.shape[:2], np.uint8)
         chosen, _ = semi_global(cost, plain, SWEEP.small_jump, SWEEP.large_jump)
-        depth = hypotheses.inverse_depth(chosen)
-        refined = refine_blocks(view, depth, hypotheses.step, WINDOW_RADIUS_PX)
-        return np.where(visible, refined, depth)
+        coarse = hypotheses.inverse_depth(chosen)
+        refined = refine_blocks(view, coarse, hypotheses.step, WINDOW_RADIUS_PX)
+        blocks = np.where(visible, refined, coarse)
+        depth = DepthMap(spread_blocks(blocks, BLOCK_PX, shape), rendered.visibility)
+        return render_between(self.views, camera, temporal_position, frame, depth)
 
 
 def spread_blocks(depth: Floats, block_px: int, shape: tuple[int, ...]) -> Floats:
@@ -172,8 +169,7 @@ def spread_blocks(depth: Floats, block_px: int, shape: tuple[int, ...]) -> Float
     stack, weights = np.stack(corners), np.stack(shares)
     block = np.take_along_axis(stack, weights.argmax(axis=0)[None], axis=0)[0]
     weights = np.where(np.abs(stack - block) <= 0.03 * span, weights, 0.0)
-    smooth: Floats = (weights * stack).sum(axis=0) / weights.sum(axis=0)
-    return smooth
+    return np.asarray((weights * stack).sum(axis=0) / weights.sum(axis=0))
 
 
 BLOCK_WEIGHT = 0.5

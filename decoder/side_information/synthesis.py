@@ -113,8 +113,7 @@ def block_medians(plane: Floats, block: int) -> Floats:
     height, width = plane.shape
     padded = np.pad(plane, ((0, -height % block), (0, -width % block)), mode="edge")
     cells = padded.reshape(padded.shape[0] // block, block, padded.shape[1] // block, block)
-    medians: Floats = np.median(cells, axis=(1, 3))
-    return medians
+    return np.median(cells, axis=(1, 3))
 
 
 def completed(
@@ -176,10 +175,7 @@ def fuse(hypotheses: Floats, decoded: Mapping[int, Floats]) -> tuple[Floats, Flo
 
 
 def fusion_weights(moments: Mapping[tuple[int, int], Floats], count: int) -> Floats:
-    """Return the non-negative weights, of sum 1, of the mean of least expected square in each block.
-
-    `moments` are those of the errors of hypotheses `a` with hypotheses `b <= a`.
-    """
+    """Return the weights of the best mean of each block, from moments of errors `a` with errors `b <= a`."""
     matrix = [[moments[max(a, b), min(a, b)].copy() for b in range(count)] for a in range(count)]
     trace = sum((matrix[a][a] for a in range(1, count)), matrix[0][0].copy())
     weights = np.ones((count, *trace.shape))
@@ -196,8 +192,7 @@ def fusion_weights(moments: Mapping[tuple[int, int], Floats], count: int) -> Flo
             weights[a] -= matrix[a][b] * weights[b]
         weights[a] /= matrix[a][a]
     weights = np.maximum(weights, 0.0)
-    shares: Floats = weights / sum(weights[1:], weights[0])
-    return shares
+    return np.asarray(weights / sum(weights[1:], weights[0]))
 
 
 def blend_guessed(block_motion: Prediction, rendered: Interpolation, temporal_position: float) -> Prediction:
@@ -243,14 +238,12 @@ def hedged(rendered: Interpolation, temporal_position: float) -> Floats:
 
 def neighbourhood(plane: Floats) -> Floats:
     """Average a plane over the neighbourhood for comparing references."""
-    mean: Floats = uniform_filter(plane, CONSISTENCY_WINDOW, mode="nearest")
-    return mean
+    return np.asarray(uniform_filter(plane, CONSISTENCY_WINDOW, mode="nearest"))
 
 
 def inconsistency(block_motion: Prediction) -> Floats:
     """Return the difference of the references of a prediction by block motion."""
-    found: Floats = neighbourhood(np.abs(block_motion.compensated[0] - block_motion.compensated[1])) + 1.0
-    return found
+    return neighbourhood(np.abs(block_motion.compensated[0] - block_motion.compensated[1])) + 1.0
 
 
 def scene_share(
@@ -267,8 +260,7 @@ def scene_share(
         distance = neighbourhood((rendered.luma - block_motion.luma) ** 2)
         weight = weight + disagreement_weight * np.maximum(distance - USUAL_DISAGREEMENT * weight, 0.0)
     floor = np.sqrt(weight * (1.0 / bound - 1.0))
-    share: Floats = weight / (weight + np.maximum(ours, floor) ** 2)
-    return share
+    return np.asarray(weight / (weight + np.maximum(ours, floor) ** 2))
 
 
 def _shared(share: Floats, rendered: Interpolation, block_motion: Prediction) -> tuple[Floats, ...]:

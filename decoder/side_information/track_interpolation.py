@@ -192,8 +192,7 @@ def add_correction(positions: Floats, points: Floats, residuals: Floats, field: 
     arguments = np.ascontiguousarray(points / LATTICE_PX), np.ascontiguousarray(residuals)
     correction_field(*arguments, field.reach_px / LATTICE_PX, PRIOR, field.noise_px2, nodes)
     lines = nodes[i] + below[:, None, None] * (nodes[k] - nodes[i])
-    moved: Floats = positions + (lines[:, j] + right[:, None] * (lines[:, m] - lines[:, j]))
-    return moved
+    return np.asarray(positions + (lines[:, j] + right[:, None] * (lines[:, m] - lines[:, j])))
 
 
 @kernel

@@ -10,7 +10,6 @@ least squares, solved again as the curves come closer to their points. [Maitre20
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -23,27 +22,24 @@ from sfm.least_squares import solve_damped
 
 NUM_TERMS = 5
 """Terms of the affine map: a constant, x and y of the place, x and y of the motion."""
-
-
-@dataclass(frozen=True)
-class RegistrationSettings:
-    """How the common deviation of a frame is found."""
-
-    range_px: int = 32  # largest shift that is looked for
-    blur_px: float = 1.5  # standard deviation of the window under which equal differences are counted
-    # how much of the motion between the key frames a frame may be ahead or behind
-    temporal_offset: float = 0.3
-    # offsets that move half of the points less than this, relative to the rest, are not distinguished
-    offset_step_px: float = 2.0
-    num_candidates: int = 4  # number of shifts that start a refinement of the map
-    # a change of the deviation from a frame to the next that is as unlikely as one point without a match
-    jitter_px: float = 6.0
-    num_sweeps: int = 1  # times that each frame is tried with the deviations of its neighbours
-    # largest matching distances, from one step of the refinement to the next
-    radii_px: tuple[float, ...] = (8.0, 6.0, 5.0, 4.0, 3.0, 2.5)
-    distance_px: float = 1.0  # from here on the weight of a match decreases as the square of its distance
-    # standard deviation of each term of the affine map except the shift, at its largest
-    prior_px: float = 8.0
+RANGE_PX = 32  # largest shift that is looked for
+BLUR_PX = 1.5  # standard deviation of the window under which equal differences are counted
+TEMPORAL_OFFSET = 0.3  # share of the motion between the key frames that a frame may be ahead or behind
+# offsets that move half of the points less than this, relative to the rest, are not distinguished
+OFFSET_STEP_PX = 2.0
+NUM_CANDIDATES = 4  # number of shifts that start a refinement of the map
+# a change of the deviation from a frame to the next that is as unlikely as one point without a match
+JITTER_PX = 6.0
+MATCH_RADII_PX = (8.0, 6.0, 5.0, 4.0, 3.0, 2.5)  # largest matching distances of the steps of the refinement
+DISTANCE_PX = 1.0  # from here on the weight of a match decreases as the square of its distance
+PRIOR_PX = 8.0  # standard deviation of each term of the affine map except the shift, at its largest
+SNAKE_RADII_PX = (4.0, 3.0, 2.0, 1.5)  # distance beyond which points are ignored, from one fit to the next
+BENDING = 0.1  # weight of the second difference in time (mu^2); that of the difference of neighbours is 1
+NEAR_PX = 40.0  # neighbours that are this far apart are coupled half as much
+ALIKE_PX = 4.0  # largest difference in motion of neighbours that count as alike
+SNAKE_RIDGE = 0.02  # weight that holds snakes which nothing determines
+TOLERANCE_PX = 1e-4
+MAX_ITERATIONS = 200
 
 
 class ReceivedPoints:
@@ -82,15 +78,11 @@ def affine_terms(first: Floats, second: Floats) -> Floats:
 
 
 def register(
-    first: Floats,
-    second: Floats,
-    temporal_positions: Floats,
-    frames: Sequence[ReceivedPoints],
-    settings: RegistrationSettings,
+    first: Floats, second: Floats, temporal_positions: Floats, frames: Sequence[ReceivedPoints]
 ) -> Floats:
     """Find how far points are from constant velocity in each frame: affine in position and motion."""
     searches = [
-        _FrameSearch(first, second, float(t), received, settings)
+        _FrameSearch(first, second, float(t), received)
         for t, received in zip(temporal_positions, frames, strict=True)
     ]
     hypotheses = [[search.refine(start) for start in search.starts()] for search in searches]
@@ -99,7 +91,7 @@ def register(
     stages = [[end], *hypotheses, [end]]
     total, back = np.zeros(1), []
     for before, after in pairwise(stages):
-        change = [[_change(a.deviation, b.deviation, settings.jitter_px) for a in before] for b in after]
+        change = [[_change(a.deviation, b.deviation) for a in before] for b in after]
         cost = total + np.array(change)
         back.append(cost.argmin(axis=1))
         total = cost.min(axis=1) - np.array([hypothesis.support for hypothesis in after])
@@ -108,18 +100,12 @@ def register(
         path.append(stage[index])
         index = int(origin[index])
     path = [end, *path[:0:-1], end]
-    for _ in range(settings.num_sweeps):  # in each frame the deviations of its neighbours are tried
-        for k, search in enumerate(searches, start=1):
-            left, right = path[k - 1].deviation, path[k + 1].deviation
-            starts = left, right, 0.5 * (left + right)
-            tried = [path[k], *(search.refine(start) for start in starts)]
-            costs = [
-                _change(left, new.deviation, settings.jitter_px)
-                + _change(new.deviation, right, settings.jitter_px)
-                - new.support
-                for new in tried
-            ]
-            path[k] = tried[int(np.argmin(costs))]
+    for k, search in enumerate(searches, start=1):  # the deviations of its neighbours are tried
+        left, right = path[k - 1].deviation, path[k + 1].deviation
+        starts = left, right, 0.5 * (left + right)
+        tried = [path[k], *(search.refine(start) for start in starts)]
+        costs = [_change(left, new.deviation) + _change(new.deviation, right) - new.support for new in tried]
+        path[k] = tried[int(np.argmin(costs))]
     return np.stack([hypothesis.deviation for hypothesis in path[1:-1]])
 
 
@@ -134,51 +120,43 @@ class _FrameSearch:
     """The search for the deviation of one frame."""
 
     def __init__(
-        self,
-        first: Floats,
-        second: Floats,
-        temporal_position: float,
-        received: ReceivedPoints,
-        settings: RegistrationSettings,
+        self, first: Floats, second: Floats, temporal_position: float, received: ReceivedPoints
     ) -> None:
         self._terms = affine_terms(first, second)
         self._even = (1.0 - temporal_position) * first + temporal_position * second
         self._motion = (second - first) - np.median(second - first, axis=0)
-        self._received, self._settings = received, settings
+        self._received = received
 
     def starts(self) -> list[Floats]:
         """Return shifts, and shifts with the frame ahead or behind, that many differences agree with."""
         nothing = np.zeros_like(self._even)
         if not len(self._received):
             return [nothing]
-        settings, found = self._settings, []
-        reach, size = settings.range_px, 2 * settings.range_px + 1
+        found, size = [], 2 * RANGE_PX + 1
         spread = float(np.quantile(np.hypot(self._motion[:, 0], self._motion[:, 1]), 0.75))
-        num_offsets = int(np.clip(settings.temporal_offset * spread / settings.offset_step_px, 0, 4))
+        num_offsets = int(np.clip(TEMPORAL_OFFSET * spread / OFFSET_STEP_PX, 0, 4))
         for step in range(-num_offsets, num_offsets + 1):
-            ahead = settings.temporal_offset * step / max(num_offsets, 1) * self._motion
+            ahead = TEMPORAL_OFFSET * step / max(num_offsets, 1) * self._motion
             # Differences to received points are counted, blurred: rows are y, columns x.
-            offset = (
-                np.rint(self._received.points[None] - (self._even + ahead)[:, None]).astype(np.int64) + reach
-            )
+            offset = np.rint(self._received.points[None] - (self._even + ahead)[:, None])
+            offset = offset.astype(np.int64) + RANGE_PX
             near = np.logical_and(offset >= 0, offset < size).all(axis=2)
             cells = offset[near] @ np.array([1, size])
             counts = np.bincount(cells, minlength=size * size).reshape(size, size).astype(np.float64)
-            counts = gaussian_filter(counts, settings.blur_px, mode="nearest")
+            counts = gaussian_filter(counts, BLUR_PX, mode="nearest")
             peaks = np.argwhere((counts == maximum_filter(counts, size=5)) & (counts > 0))
             found += [(-counts[y, x], abs(step), step, y, x, ahead) for y, x in peaks]
         found.sort(key=lambda peak: peak[:5])
         shifts = [
-            np.array([x, y]) - float(settings.range_px) + ahead
-            for _, _, _, y, x, ahead in found[: settings.num_candidates]
+            np.array([x, y]) - float(RANGE_PX) + ahead for _, _, _, y, x, ahead in found[:NUM_CANDIDATES]
         ]
         return [nothing, *shifts]
 
     def refine(self, start: Floats) -> _Hypothesis:
         """Fit the affine map to matched points, closer and closer."""
-        settings, deviation = self._settings, start
-        ridge = np.diag([0.0, *[settings.prior_px**-2] * (NUM_TERMS - 1)])
-        for radius in settings.radii_px:
+        deviation = start
+        ridge = np.diag([0.0, *[PRIOR_PX**-2] * (NUM_TERMS - 1)])
+        for radius in MATCH_RADII_PX:
             chosen, found, weight = self._match(deviation, radius)
             if len(chosen) < NUM_TERMS + 1:
                 break
@@ -189,32 +167,17 @@ class _FrameSearch:
             slope = np.einsum("n,ni,nk->ik", weight, terms, target - shift)
             fitted = np.column_stack([solve_damped(normal, slope[:, axis], 1e-9) for axis in (0, 1)])
             deviation = shift + np.einsum("ni,ik->nk", self._terms, fitted)
-        return _Hypothesis(deviation, float(self._match(deviation, settings.radii_px[-1])[2].sum()))
+        return _Hypothesis(deviation, float(self._match(deviation, MATCH_RADII_PX[-1])[2].sum()))
 
     def _match(self, deviation: Floats, radius: float) -> tuple[Integers, Integers, Floats]:
         """Match points, and weigh the pairs."""
         chosen, nearest, distance = self._received.match(self._even + deviation, radius)
-        return chosen, nearest, 1.0 / (1.0 + (distance / self._settings.distance_px) ** 2)
+        return chosen, nearest, 1.0 / (1.0 + (distance / DISTANCE_PX) ** 2)
 
 
-def _change(before: Floats, after: Floats, jitter_px: float) -> float:
+def _change(before: Floats, after: Floats) -> float:
     """Return the cost of a change of the deviation from a frame to the next."""
-    return float(((after - before) ** 2).sum() / (len(before) * jitter_px**2))
-
-
-@dataclass(frozen=True)
-class SnakeSettings:
-    """How snakes are fitted."""
-
-    # distance beyond which points are ignored, from one fit to the next
-    radii_px: tuple[float, ...] = (4.0, 3.0, 2.0, 1.5)
-    distance_px: float = 1.0  # from here on the weight of a point decreases as the square of its distance
-    bending: float = 0.1  # weight of the second difference in time (mu^2)
-    # weight of the difference between neighbours that are close in place and motion (mu^2)
-    coupling: float = 1.0
-    near_px: float = 40.0  # neighbours that are this far apart are coupled half as much
-    alike_px: float = 4.0  # largest difference in motion of neighbours that count as alike
-    ridge: float = 0.02  # weight that holds snakes which nothing determines
+    return float(((after - before) ** 2).sum() / (len(before) * JITTER_PX**2))
 
 
 class Snakes(NamedTuple):
@@ -224,21 +187,19 @@ class Snakes(NamedTuple):
     received: Floats  # the received point of each, nan without one
 
 
-def fit_snakes(
-    first: Floats, second: Floats, expected: Floats, frames: Sequence[ReceivedPoints], settings: SnakeSettings
-) -> Snakes:
+def fit_snakes(first: Floats, second: Floats, expected: Floats, frames: Sequence[ReceivedPoints]) -> Snakes:
     """Draw snakes to received points."""
     deviation = np.zeros_like(expected)
-    smoothness = _Smoothness(first, second, len(frames), settings)
-    for radius in settings.radii_px:
+    smoothness = _Smoothness(first, second, len(frames))
+    for radius in SNAKE_RADII_PX:
         target = _received(expected + deviation, frames, radius)
         seen = np.isfinite(target[..., 0])
         pull = np.where(seen[..., None], target, expected) - expected
         squared = ((pull - deviation) ** 2).sum(axis=2)
-        weight = np.where(seen, 1.0 / (1.0 + squared / settings.distance_px**2), 0.0)
+        weight = np.where(seen, 1.0 / (1.0 + squared / DISTANCE_PX**2), 0.0)
         deviation = smoothness.solve(weight, weight[..., None] * pull, deviation)
     positions = expected + deviation
-    return Snakes(positions, _received(positions, frames, settings.radii_px[-1]))
+    return Snakes(positions, _received(positions, frames, SNAKE_RADII_PX[-1]))
 
 
 def _received(positions: Floats, frames: Sequence[ReceivedPoints], radius: float) -> Floats:
@@ -252,7 +213,7 @@ def _received(positions: Floats, frames: Sequence[ReceivedPoints], radius: float
 class _Smoothness:
     """The terms of the normal equations that do not depend on the received points."""
 
-    def __init__(self, first: Floats, second: Floats, num_frames: int, settings: SnakeSettings) -> None:
+    def __init__(self, first: Floats, second: Floats, num_frames: int) -> None:
         from scipy import sparse
 
         around = delaunay_neighbours(0.5 * (first + second))
@@ -260,20 +221,18 @@ class _Smoothness:
         a, b = around.point[once], around.neighbour[once]
         apart = ((first[a] + second[a] - first[b] - second[b]) ** 2).sum(axis=1) / 4.0
         unlike = ((second[a] - first[a] - second[b] + first[b]) ** 2).sum(axis=1)
-        weight = 1.0 / ((1.0 + apart / settings.near_px**2) * (1.0 + unlike / settings.alike_px**2))
+        weight = 1.0 / ((1.0 + apart / NEAR_PX**2) * (1.0 + unlike / ALIKE_PX**2))
         ends = np.repeat([1.0, -1.0], len(a)), (np.tile(np.arange(len(a)), 2), np.concatenate([a, b]))
         difference = sparse.csr_array(ends, shape=(len(a), len(first)))
-        coupled = settings.coupling * (difference.T @ sparse.diags_array(weight) @ difference)
-        self._coupling = sparse.csr_array(coupled)
-        self._bending, self._ridge = settings.bending, settings.ridge
+        self._coupling = sparse.csr_array(difference.T @ sparse.diags_array(weight) @ difference)
         bent = _bent_twice(np.eye(num_frames)[:, :, None])
-        self._diagonal = self._coupling.diagonal()[:, None] + self._bending * np.diag(bent[..., 0])
-        self._diagonal += self._ridge
+        self._diagonal = self._coupling.diagonal()[:, None] + BENDING * np.diag(bent[..., 0])
+        self._diagonal += SNAKE_RIDGE
 
     def _applied(self, deviation: Floats) -> Floats:
         coupled = self._coupling @ deviation.reshape(len(deviation), -1)
-        applied: Floats = coupled.reshape(deviation.shape) + self._ridge * deviation
-        return applied + self._bending * _bent_twice(deviation)
+        applied: Floats = coupled.reshape(deviation.shape) + SNAKE_RIDGE * deviation
+        return applied + BENDING * _bent_twice(deviation)
 
     def solve(self, weight: Floats, right: Floats, start: Floats) -> Floats:
         """Solve the normal equations with weights (N, T) of the data by conjugate gradients."""
@@ -297,10 +256,6 @@ class _Smoothness:
                 scaled + np.where(before > 0, energy / np.where(before > 0, before, 1.0), 0.0) * direction
             )
         return solution
-
-
-TOLERANCE_PX = 1e-4
-MAX_ITERATIONS = 200
 
 
 def _bent_twice(deviation: Floats) -> Floats:

@@ -6,12 +6,11 @@ The final track is that of the point itself, at its offset from the corner. [Mai
 """
 
 import math
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
-from decoder.tracking.curves import ReceivedPoints, RegistrationSettings, SnakeSettings, fit_snakes, register
+from decoder.tracking.curves import SNAKE_RADII_PX, ReceivedPoints, fit_snakes, register
 from dvc.arrays import Bytes, Floats, Mask
 from dvc.corners import SENT_WINDOW_PX, corner_response, spaced
 from dvc.tracks import FeaturePoints, PointTracks
@@ -21,38 +20,20 @@ SEARCH_RADIUS_PX = 2
 """Largest distance of a corner from its point, by rows and by columns."""
 MAX_DRIFT_PX = 1.5
 """Largest change of the position of a corner relative to its point in the scene."""
-
-
-@dataclass(frozen=True)
-class TrackingSettings:
-    """How received points become tracks."""
-
-    num_snakes: int = 400  # most correspondences that are followed
-    separation_px: float = 3.0  # least distance between their corners in the first key frame
-    # difference from the neighbours' motion that is always allowed, and in units of their own spread
-    motion_limit_px: float = 2.0
-    motion_spreads: float = 3.0
-    # how the common deviation of a frame is found
-    registration: RegistrationSettings = field(default_factory=RegistrationSettings)
-    snakes: SnakeSettings = field(default_factory=SnakeSettings)  # how snakes are fitted
-    support: float = 0.3  # least share of the tracked frames with a point that a snake has located
-    # a frame is followed if more snakes than this many standard deviations above chance found a point
-    significance: float = 6.0
-    # ... and as many more as an affine map and its search may fit by chance
-    min_matches: int = 10
+NUM_SNAKES = 400  # most correspondences that are followed
+SEPARATION_PX = 3.0  # least distance between their corners in the first key frame
+SUPPORT = 0.3  # least share of the tracked frames with a point that a snake has located
+# a frame is followed if more snakes than this many standard deviations above chance found a point
+SIGNIFICANCE = 6.0
+MIN_MATCHES = 10  # ... and as many more as an affine map and its search may fit by chance
 
 
 def match_points(
-    reconstruction: Reconstruction,
-    first: Bytes,
-    second: Bytes,
-    points: FeaturePoints,
-    settings: TrackingSettings | None = None,
+    reconstruction: Reconstruction, first: Bytes, second: Bytes, points: FeaturePoints
 ) -> PointTracks:
     """Find the tracks between two key frames that corners of the frames between belong to."""
     from sfm.correspondences import outliers
 
-    settings = settings or TrackingSettings()
     size, frames = np.array(first.shape[::-1]), []
     for frame in points.frames:  # without points outside the image, and without duplicates
         received = np.asarray(frame, dtype=np.float64).reshape(-1, 2)
@@ -66,22 +47,22 @@ def match_points(
     else:
         trusted = reconstruction.stages.get("matching", Correspondences.empty())
         if len(trusted):
-            trusted = trusted[outliers.motion(trusted, settings.motion_limit_px, settings.motion_spreads)]
-    pairs = choose_paired_corners(trusted, first, second, settings.num_snakes, settings.separation_px)
+            trusted = trusted[outliers.motion(trusted)]
+    pairs = choose_paired_corners(trusted, first, second, NUM_SNAKES, SEPARATION_PX)
     if not frames or not len(pairs):
         return PointTracks.none(num_instants)
     temporal_positions = np.arange(1, num_instants - 1) / (num_instants - 1)
-    deviation = register(pairs.first, pairs.second, temporal_positions, frames, settings.registration)
+    deviation = register(pairs.first, pairs.second, temporal_positions, frames)
     expected = pairs.corners(temporal_positions) + np.swapaxes(deviation, 0, 1)
-    snakes = fit_snakes(pairs.first, pairs.second, expected, frames, settings.snakes)
+    snakes = fit_snakes(pairs.first, pairs.second, expected, frames)
     seen = np.isfinite(snakes.received[..., 0])
     # Frames count if snakes located more points in them than among random ones.
     density = np.array([len(frame) for frame in frames]) / first.size
-    by_chance = len(seen) * math.pi * settings.snakes.radii_px[-1] ** 2 * density
-    least = by_chance + settings.significance * np.sqrt(by_chance) + settings.min_matches
+    by_chance = len(seen) * math.pi * SNAKE_RADII_PX[-1] ** 2 * density
+    least = by_chance + SIGNIFICANCE * np.sqrt(by_chance) + MIN_MATCHES
     seen &= np.count_nonzero(seen, axis=0) >= least
     positions = np.where(seen[..., None], snakes.positions - pairs.offsets(temporal_positions), np.nan)
-    needed = max(1.0, settings.support * np.count_nonzero(seen.any(axis=0)))
+    needed = max(1.0, SUPPORT * np.count_nonzero(seen.any(axis=0)))
     supported = np.count_nonzero(seen, axis=1) >= needed
     ends = pairs.pairs.first[:, None], pairs.pairs.second[:, None]
     return PointTracks(np.concatenate([ends[0], positions, ends[1]], axis=1)[supported])

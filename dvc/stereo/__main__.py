@@ -166,8 +166,7 @@ def _lazily(module: str, name: str) -> Callable[[argparse.Namespace], int]:
     """Return a function of a module, which is imported when the function is called: help is quick."""
 
     def _run(arguments: argparse.Namespace) -> int:
-        status: int = getattr(import_module(f"dvc.stereo.{module}"), name)(arguments)
-        return status
+        return int(getattr(import_module(f"dvc.stereo.{module}"), name)(arguments))
 
     return _run
 

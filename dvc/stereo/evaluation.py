@@ -23,8 +23,6 @@ Floats = NDArray[np.floating]
 Truth = tuple[NDArray[np.float64], Mask | None]
 """True disparities in pixels per unit of m, NaN if unknown, and the mask of pixels that count, if not all."""
 
-MASKS = ("nonocc", "all", "disc")
-"""Masks of the Middlebury evaluation: pixels that both views see, with known truth, near discontinuities."""
 MAX_AT_AN_END_PERCENT = 20.0
 """Largest share of pixels at the first or the last disparity without a warning."""
 THRESHOLDS_PX = (0.5, 1.0, 2.0)
@@ -79,10 +77,7 @@ def evaluate(
 
 
 def sparsification(bad: Mask, confidence: NDArray[np.number]) -> tuple[float, float]:
-    """Return the area under the sparsification curve and that of the best order, in per cent.
-
-    The area is the mean share of bad pixels among the N surest ones, over all N.
-    """
+    """Return the mean share of bad pixels among the N surest ones over all N, and in the best order, in %."""
     _, rank = np.unique(-confidence.astype(np.float64), return_inverse=True)
     # equally sure pixels have no order: each counts as their mean
     count = np.bincount(rank)
@@ -124,14 +119,12 @@ def read_truth(
     is_defined = np.isfinite(values)
     if unknown is not None:
         is_defined &= values != unknown
-    disparity: NDArray[np.float64] = np.where(is_defined, values / (scale or 1.0) + offset, np.nan)
-    return disparity
+    return np.where(is_defined, values / (scale or 1.0) + offset, np.nan)
 
 
 def read_mask(path: str | Path) -> Mask:
     """Read a mask: pixels of value 255 count."""
-    mask: Mask = read_picture(path)[:, :, 0] == 255
-    return mask
+    return np.asarray(read_picture(path)[:, :, 0] == 255)
 
 
 def read_truth_of(arguments: argparse.Namespace) -> Truth:

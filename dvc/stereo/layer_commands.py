@@ -13,7 +13,7 @@ from dvc.files import atomic_folder
 from dvc.layers.canvas import Canvas
 from dvc.layers.layer_folders import read_layers, write_layers, write_sprites
 from dvc.layers.layered_depth_image import LayeredDepthImage, layered_depth_image
-from dvc.layers.sprites import Sprite, SpriteSet, composite, extract_sprites
+from dvc.layers.sprites import SpriteSet, composite, extract_sprites
 from dvc.picture_files import write_png
 from dvc.stereo.evaluation import write_results
 from dvc.stereo.meshes import check_outputs, scene_shape, write_shape
@@ -49,19 +49,17 @@ def draw_values_per_pixel(image: LayeredDepthImage) -> Picture:
 def draw_sprites(sprites: SpriteSet, count: int = 24, columns: int = 4) -> Picture:
     """Draw the largest sprites, each scaled to its tile, as figure 2.7."""
     largest = sorted(sprites.sprites, key=lambda sprite: -sprite.num_values)[:count]
-    return in_rows([_draw_sprite(sprite, sprites.canvas) for sprite in largest], columns)
-
-
-def _draw_sprite(sprite: Sprite, canvas: Canvas) -> Picture:
-    texture = _textured(sprite.colour, sprite.mask)
-    disparity = _coloured(sprite.disparity, sprite.mask, canvas)
-    pair = np.hstack([texture, disparity])
-    scale = min(TILE_PX / pair.shape[1], TILE_PX / 2 / pair.shape[0], MAX_MAGNIFICATION)
-    size = max(1, round(scale * pair.shape[1])), max(1, round(scale * pair.shape[0]))
-    method = cv2.INTER_NEAREST if scale > 1.0 else cv2.INTER_AREA
-    tile = np.full((TILE_PX // 2, TILE_PX, 3), 255, np.uint8)
-    tile[: size[1], : size[0]] = cv2.resize(pair, size, interpolation=method)
-    return with_title(tile, f"{sprite.num_values} values, {scale:.1f}x")
+    tiles = []
+    for sprite in largest:
+        texture = _textured(sprite.colour, sprite.mask)
+        pair = np.hstack([texture, _coloured(sprite.disparity, sprite.mask, sprites.canvas)])
+        scale = min(TILE_PX / pair.shape[1], TILE_PX / 2 / pair.shape[0], MAX_MAGNIFICATION)
+        size = max(1, round(scale * pair.shape[1])), max(1, round(scale * pair.shape[0]))
+        method = cv2.INTER_NEAREST if scale > 1.0 else cv2.INTER_AREA
+        tile = np.full((TILE_PX // 2, TILE_PX, 3), 255, np.uint8)
+        tile[: size[1], : size[0]] = cv2.resize(pair, size, interpolation=method)
+        tiles.append(with_title(tile, f"{sprite.num_values} values, {scale:.1f}x"))
+    return in_rows(tiles, columns)
 
 
 def _textured(colour: Bytes, mask: Mask) -> Picture:

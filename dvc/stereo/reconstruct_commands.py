@@ -15,7 +15,7 @@ from dvc.arrays import Bytes
 from dvc.errors import ConfigError, DvcError
 from dvc.files import atomic_folder, check_folder
 from dvc.geometry.calibrated_cameras import LARGEST, Camera, camera_from_matrices
-from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition, Reconstruction
+from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.geometry.camera_files import AUTO
 from dvc.index_files import read_index, read_labels, write_index
 from dvc.picture_files import read_picture, read_plane, write_pfm, write_png
@@ -108,20 +108,30 @@ def run_reconstruct(arguments: argparse.Namespace) -> int:
         result = reported(result, truth, warnings)
         if rectified is not None:
             result.figures["rectification"] = rectified.index
-            write_original_views(folder, result, rectified.rectification)
+            rectification = rectified.rectification
+            # the depth of every original picture, and its disparity and occlusions if it was resampled
+            for index, (view, surface) in enumerate(zip(array, result.surfaces, strict=True)):
+                disparity = to_original_view(rectification, index, surface.disparity)
+                depth = metric_depth(rectification, index, disparity)
+                write_pfm(folder / f"depth-{view.name}.pfm", depth)
+                if not rectification.is_identity:
+                    occluded = to_original_view(rectification, index, surface.occluded.astype(np.float32))
+                    mask = (occluded > 0.5).astype(np.uint8) * 255
+                    write_pfm(folder / f"original-disparity-{view.name}.pfm", disparity)
+                    write_png(folder / f"original-occluded-{view.name}.png", mask)
         write_reconstruction(folder, result, arguments.jobs)
         write_previews(folder, result, truth, arguments.jobs)
     if shapes:
         view, surface = array[array.reference], result.surfaces[array.reference]
-        mask = view.valid
+        inside = view.valid
         if rectified is None:
             points = points_of_disparity(surface.disparity, labels.lowest, labels.highest)
         else:
             points, finite = points_in_world(surface.disparity, view.position, rectified.rectification)
-            mask = finite if mask is None else finite & mask
+            inside = finite if inside is None else finite & inside
         step_px = max(1.5, 1.5 * labels.step)
         for path in shapes:
-            write_shape(path, surface_shape(points, view.image, surface.disparity, step_px, mask))
+            write_shape(path, surface_shape(points, view.image, surface.disparity, step_px, inside))
     for warning in result.figures["warnings"]:
         sys.stderr.write(f"dvc-stereo: {cli.one_line(warning)}\n")
     text = f"{summary(result)}\n{arguments.out}: {Path(arguments.out) / PAGE} shows it"
@@ -256,19 +266,4 @@ def preview(array: CameraArray) -> Bytes:
     tiles += [np.zeros_like(tiles[0])] * (-count % across)
     sheet = np.vstack([np.hstack(tiles[k : k + across]) for k in range(0, len(tiles), across)])
     scale = min(1.0, _PREVIEW_WIDTH_PX / sheet.shape[1])
-    return np.asarray(
-        cv2.resize(sheet, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), dtype=np.uint8
-    )
-
-
-def write_original_views(folder: Path, reconstruction: Reconstruction, rectification: Rectification) -> None:
-    """Write the depth of every original picture, and its disparity and occlusions if it was resampled."""
-    resampled = not rectification.is_identity
-    pairs = zip(reconstruction.array, reconstruction.surfaces, strict=True)
-    for index, (view, surface) in enumerate(pairs):
-        disparity = to_original_view(rectification, index, surface.disparity)
-        write_pfm(folder / f"depth-{view.name}.pfm", metric_depth(rectification, index, disparity))
-        if resampled:
-            occluded = to_original_view(rectification, index, surface.occluded.astype(np.float32))
-            write_pfm(folder / f"original-disparity-{view.name}.pfm", disparity)
-            write_png(folder / f"original-occluded-{view.name}.png", (occluded > 0.5).astype(np.uint8) * 255)
+    return np.asarray(cv2.resize(sheet, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)

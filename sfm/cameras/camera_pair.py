@@ -44,7 +44,6 @@ MIN_RANK = 1e-12
 DEPTH_RATIO_FACTOR = 2.0
 """Growth of M, the ratio of the largest to the smallest depth, until a solution exists."""
 MAX_DEPTH_RATIO = 4096.0
-"""Largest M to try."""
 MIN_CALIBRATED_POINTS = 8
 """Least number of points that the self-calibration does not drop."""
 OUTWEIGH = 3.0
@@ -72,9 +71,7 @@ class SelfCalibrationSettings:
 class SelfCalibration(NamedTuple):
     """Result of the self-calibration."""
 
-    camera: (
-        Floats  # second camera in normalised coordinates, Frobenius norm sqrt(3); the first is ``[I | 0]``
-    )
+    camera: Floats  # second camera in normalised coordinates, norm sqrt(3); the first is ``[I | 0]``
     depths: Floats  # depth of each point in the first camera, in [1, `depth_ratio`]; 1 for dropped points
     inliers: Mask  # points that were not dropped
     depth_ratio: float  # M, the bound on the depths
@@ -213,10 +210,7 @@ def bundle_adjustment(
     num_alternations: int = 3,
     max_iterations: int = 100,
 ) -> BundleAdjustment:
-    """Minimise the reprojection error over depths and camera.
-
-    At most `num_alternations` of the thesis (Appendix B) precede at most `max_iterations` joint steps.
-    """
+    """Minimise the reprojection error: alternations of the thesis (Appendix B), then joint steps."""
     num = len(correspondences)
     if depths.shape != (num,):
         raise ValueError(f"expected {num} depths, got {depths.shape}")
@@ -273,14 +267,12 @@ class _Adjustment:
     def project(self, state: _State) -> Floats:
         """Return ``R x + inverse depth * t`` for all points, shape (N, 3)."""
         turned = homogeneous(self.first) @ state.camera[:, :3].T
-        projected: Floats = turned + state.inverse[:, None] * state.camera[:, 3]
-        return projected
+        return turned + state.inverse[:, None] * state.camera[:, 3]
 
     def errors(self, state: _State) -> Floats:
         """Return the reprojection errors (N, 2) in normalised units."""
         p = self.project(state)
-        errors: Floats = p[:, :2] / nonzero(p[:, 2])[:, None] - self.observed
-        return errors
+        return p[:, :2] / nonzero(p[:, 2])[:, None] - self.observed
 
     def cost(self, state: _State) -> float:
         return float((self.errors(state) ** 2).sum())
@@ -337,11 +329,9 @@ def depth_step(first: Floats, observed: Floats, camera: Floats, kappa: Floats) -
     a = kappa[:, None] * (observed * turned[:, 2:] - turned[:, :2])
     b = kappa[:, None] * (observed * moved[2:] - moved[:2])
     aa, ab = (a * a).sum(axis=1), (a * b).sum(axis=1)
-    depths: Floats = np.where(aa > 0, -ab / np.where(aa > 0, aa, 1.0), np.nan)
-    return depths
+    return np.where(aa > 0, -ab / np.where(aa > 0, aa, 1.0), np.nan)
 
 
 def denominators(first: Floats, depths: Floats, camera: Floats) -> Floats:
     """Return the weights kappa: the inverse depths of the points in a camera."""
-    kappa: Floats = 1.0 / nonzero(depths * (homogeneous(first) @ camera[2, :3]) + camera[2, 3])
-    return kappa
+    return 1.0 / nonzero(depths * (homogeneous(first) @ camera[2, :3]) + camera[2, 3])

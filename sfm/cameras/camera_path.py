@@ -115,7 +115,14 @@ def resection(
         problem.x = np.vstack([problem.x, x @ problem.to_scaled.T])
         problem.seen = np.vstack([problem.seen, frame.to_normalized(expected.positions)])
         problem.weights = np.concatenate([problem.weights, np.full(len(x), each)])
-    camera = linear_camera(problem)
+    camera = problem.start  # solve the linear equations of (B.2), reweighted by the denominators and robustly
+    for _ in range(NUM_LINEAR_ITERATIONS):
+        weights, _ = robust_weights(problem, image_distances(problem, camera), redescending=False)
+        kappa = 1.0 / np.maximum(np.abs(problem.x @ camera[2]), 1e-3 * np.abs(camera[2]).max())
+        scaled = (np.sqrt(weights) * kappa)[:, None] * problem.x
+        camera = least_singular(normal_matrix(*projection_equations(scaled, problem.seen))).reshape(3, 4)
+        if 2 * np.count_nonzero(problem.x @ camera[2] < 0) > len(problem.x):
+            camera = -camera
     errors = [np.median(image_distances(problem, c)[: len(used)]) for c in (camera, problem.start)]
     camera = camera if errors[0] <= errors[1] else problem.start
     camera = camera / np.sqrt((camera * camera).sum())
@@ -201,8 +208,7 @@ def image_distances(problem: ResectionProblem, camera: Floats) -> Floats:
     """Return the distances of projected points from their image positions."""
     p = problem.x @ camera.T
     offset = p[:, :2] / nonzero(p[:, 2], MIN_DEPTH)[:, None] - problem.seen
-    distances: Floats = np.hypot(offset[:, 0], offset[:, 1])
-    return distances
+    return np.hypot(offset[:, 0], offset[:, 1])
 
 
 def robust_weights(problem: ResectionProblem, distances: Floats, redescending: bool) -> tuple[Floats, float]:
@@ -218,20 +224,6 @@ def robust_weights(problem: ResectionProblem, distances: Floats, redescending: b
     weights[: problem.num_real] *= robust
     weights[problem.num_real : problem.num_real + problem.num_virtual] *= (noise / problem.sigma) ** 2
     return weights, noise
-
-
-def linear_camera(problem: ResectionProblem) -> Floats:
-    """Solve the linear equations of (B.2), reweighted by the denominators and robustly."""
-    camera = problem.start
-    for _ in range(NUM_LINEAR_ITERATIONS):
-        weights, _ = robust_weights(problem, image_distances(problem, camera), redescending=False)
-        kappa = 1.0 / np.maximum(np.abs(problem.x @ camera[2]), 1e-3 * np.abs(camera[2]).max())
-        scaled = (np.sqrt(weights) * kappa)[:, None] * problem.x
-        normal = normal_matrix(*projection_equations(scaled, problem.seen))
-        camera = least_singular(normal).reshape(3, 4)
-        if 2 * np.count_nonzero(problem.x @ camera[2] < 0) > len(problem.x):
-            camera = -camera
-    return camera
 
 
 class _RobustDistances:
@@ -258,8 +250,7 @@ class _RobustDistances:
 
         def stepped(damping: float) -> Floats:
             candidate = camera - solve_damped(normal, slope, damping).reshape(3, 4)
-            unit: Floats = candidate / np.sqrt((candidate * candidate).sum())
-            return unit
+            return np.asarray(candidate / np.sqrt((candidate * candidate).sum()))
 
         return float((self._weights * distances * distances).sum()), stepped
 
@@ -317,10 +308,7 @@ def _camera(model: Model, instant: TrackedPoints, expected: ExpectedPoints | Non
 
 
 def regular_cameras(model: Model, instants: Sequence[TrackedPoints], regularity: float) -> list[Resection]:
-    """Estimate the cameras of evenly spaced instants along a smooth path.
-
-    The path is that of the scene's points, in front of all cameras, in the images of all frames.
-    """
+    """Estimate cameras of evenly spaced instants so that the scene's points move smoothly in the images."""
     if not regularity >= 0:
         raise ValueError(f"`regularity` must not be negative, got {regularity}")
     estimates = intermediate_cameras(model, instants)

@@ -20,8 +20,7 @@ NUM_TRIALS = 100
 
 def normalized_camera(camera: Floats) -> Floats:
     """Scale a camera to `CAMERA_NORM`."""
-    scaled: Floats = CAMERA_NORM * camera / np.sqrt(max(float((camera * camera).sum()), 1e-300))
-    return scaled
+    return np.asarray(CAMERA_NORM * camera / np.sqrt(max(float((camera * camera).sum()), 1e-300)))
 
 
 def projection_equations(points: Floats, image: Floats) -> tuple[Floats, Floats]:
@@ -39,22 +38,19 @@ def camera_basis(points: Floats, image: Floats) -> Floats:
     singular, vt = right_singular(np.stack(projection_equations(points, image), axis=1).reshape(-1, 12))
     if not singular[3] > 1e-12 * singular[0]:
         raise ValueError("the two fixed points must differ")
-    basis: Floats = vt[4:].T.copy()
-    return basis
+    return vt[4:].T.copy()
 
 
 def camera_from_coordinates(basis: Floats, r: Floats) -> Floats:
     """Return the camera with coordinates r in a basis."""
     unit = r / np.sqrt((r * r).sum())
-    camera: Floats = CAMERA_NORM * (basis @ unit).reshape(3, 4)
-    return camera
+    return np.asarray(CAMERA_NORM * (basis @ unit).reshape(3, 4))
 
 
 def coordinates_of_camera(basis: Floats, camera: Floats) -> Floats:
     """Project a camera on a basis; inverse of `camera_from_coordinates` for cameras within it."""
     r = basis.T @ camera.ravel()
-    unit: Floats = r / np.sqrt((r * r).sum())
-    return unit
+    return np.asarray(r / np.sqrt((r * r).sum()))
 
 
 def choose_fixed_points(

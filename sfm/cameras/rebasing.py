@@ -102,10 +102,7 @@ def is_reversed(model: Model) -> bool:
 
 
 def rigid_order(model: Model) -> Rebased | None:
-    """Return the model with the order of depths reversed if a rigid motion requires that; else None.
-
-    Inverse depths are subtracted from a constant: a plane in front of all points becomes that at infinity.
-    """
+    """Return the model with the order of depths reversed if a rigid motion requires that; else None."""
     if not is_reversed(model):
         return None
     lowest, highest = model.view_pair.inverse_depth_ranges[0]

@@ -136,8 +136,7 @@ def gradient_directions(luma: Bytes) -> Floats:
     smooth = cv2.GaussianBlur(luma, (3, 3), 0)
     gradient = np.stack([cv2.Sobel(smooth, cv2.CV_64F, 1, 0), cv2.Sobel(smooth, cv2.CV_64F, 0, 1)], axis=-1)
     length = np.sqrt((gradient**2).sum(axis=-1, keepdims=True))
-    directions: Floats = gradient / np.maximum(length, 1e-9)
-    return directions
+    return np.asarray(gradient / np.maximum(length, 1e-9))
 
 
 def far_from(points: Floats, obstacles: Floats, distance_px: float) -> Mask:
@@ -166,10 +165,7 @@ def follow_all(pair: KeyPair, points: Points, weights: Floats, search: LineSearc
 def follow(
     pair: KeyPair, x: int, y: int, near: Floats, weights: Floats, search: LineSearch, position: Floats
 ) -> float:
-    """Search the point at whole pixels (x, y) on its epipolar line, from the point nearest to `near`.
-
-    Steps around that point precede a golden-section search around the best step.
-    """
+    """Search the point at pixel (x, y) on its epipolar line: steps around `near`, then golden sections."""
     radius, step_px = weights.shape[0] // 2, search.step_px
     line = Line(np.empty(2), np.empty(2), np.empty((2, 2)))
     if not epipolar_frame(pair.fundamental, pair.epipole, float(x), float(y), near[0], near[1], line):

@@ -61,11 +61,9 @@ def epipolar(correspondences: Correspondences, fundamental: Floats, limit_px: fl
     return np.asarray(distance <= limit_px)
 
 
-def motion(
-    correspondences: Correspondences, limit_px: float = MOTION_LIMIT_PX, num_spreads: float = MOTION_SPREADS
-) -> Mask:
+def motion(pairs: Correspondences) -> Mask:
     """Keep correspondences that move like their neighbours."""
-    return _like_neighbours(correspondences.first, correspondences.motion, limit_px, num_spreads)[0]
+    return _like_neighbours(pairs.first, pairs.motion, MOTION_LIMIT_PX, MOTION_SPREADS)[0]
 
 
 def reprojection(second: Floats, projected: Floats) -> Mask:

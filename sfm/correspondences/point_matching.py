@@ -25,7 +25,6 @@ from sfm.estimation.epipolar import distances_in_second
 from sfm.scene_model import Correspondences
 
 NUM_CORNERS = 2400
-"""Largest number of corners."""
 BORDER_PX = 8
 """Least distance of a corner from the frame's edge, so that neighbourhoods fit."""
 BINOMIAL = (1, 2, 1)
@@ -53,10 +52,8 @@ NUM_CANDIDATES = 3
 MIN_MATCH_ERROR, MIN_ERROR = 4.0, 5.0
 """Mean squared errors due to noise and sampling, of corners and of later matches, squared luma levels."""
 MATCH_ERROR_SHARE, SHIFTED_ERROR_SHARE, REFINED_ERROR_SHARE = 0.6, 0.4, 0.12
-"""Largest additional errors at whole pixels, after refinement of the position, and of position and shape.
-
-They are shares of the neighbourhood's variance.
-"""
+"""Largest additional errors at whole pixels, after refinement of the position, and of position and shape, as
+shares of the neighbourhood's variance."""
 MAX_AMBIGUITY = 0.7
 """Largest quotient of the errors of the most similar corner and the next one, plus `MIN_MATCH_ERROR` each."""
 NUM_NEIGHBOURS = 8
@@ -159,11 +156,7 @@ def match_corners(luma0: Bytes, luma1: Bytes, corners0: Floats, corners1: Floats
 
 
 def describe(luma: Bytes, corners: Floats) -> DescribedCorners:
-    """Cut out the neighbourhoods of corners, and compute their means and distributions of intensity.
-
-    Densities of the deviations from the mean are sampled at the centres of bins, by triangular windows of
-    twice their width.
-    """
+    """Cut out neighbourhoods of corners, with means and densities of intensity (triangular windows)."""
     offset = np.arange(-CORNER_RADIUS_PX, CORNER_RADIUS_PX + 1)
     x, y = corners.astype(np.int64).T
     patches = luma[y[:, None, None] + offset[:, None], x[:, None, None] + offset].reshape(len(corners), -1)
@@ -186,10 +179,7 @@ def best_candidates(
     chosen: Integers,
     errors: Floats,
 ) -> None:
-    """Choose the most similar corners within the motion bound, by rising error; -1 fills the rows.
-
-    Errors are squared differences of the deviations from the means.
-    """
+    """Choose the most similar corners within the motion bound, by rising error; -1 fills the rows."""
     corners_a, patches_a, means_a, histograms_a = first
     corners_b, patches_b, means_b, histograms_b = second
     count, max_chi_square = chosen.shape[1], MAX_CHI_SQUARE_SHARE * patches_a.shape[1]
@@ -241,13 +231,29 @@ def densify(
     search: EpipolarSearch, corners0: Floats, corners1: Floats, correspondences: Correspondences
 ) -> Correspondences:
     """Match the remaining corners at the positions that neighbours' motion and epipolar geometry predict."""
+    from scipy.spatial import cKDTree
+
     if len(correspondences) < NUM_NEIGHBOURS or not search.usable:
         return correspondences
     free0 = corners0[far_from(corners0, correspondences.first, 1.5)]
     free1 = corners1[far_from(corners1, correspondences.second, MAX_SHIFT_PX)]
     if len(free0) == 0 or len(free1) == 0:
         return correspondences
-    i, j = _expected_pairs(free0, free1, correspondences)
+    # Pair corners with corners around the position that the weighted median of motions predicts.
+    distance, nearest = cKDTree(correspondences.first).query(free0, k=NUM_NEIGHBOURS)
+    point = np.repeat(np.arange(len(free0)), NUM_NEIGHBOURS)
+    weight = 1.0 / np.maximum(distance.ravel(), 1e-9)
+    motions = correspondences.motion[nearest.ravel()]
+
+    def median(values: Floats) -> Floats:
+        return outliers.weighted_median(values, point, weight, len(free0))
+
+    predicted = np.stack([median(column) for column in motions.T], axis=1)
+    difference = motions - predicted[point]
+    around = np.minimum(REACH_PX + REACH_SPREADS * median(np.sqrt((difference**2).sum(axis=1))), MAX_REACH_PX)
+    lists = cKDTree(free1).query_ball_point(free0 + predicted, around, return_sorted=True)
+    i = np.repeat(np.arange(len(free0)), [len(each) for each in lists])
+    j = np.array([k for each in lists for k in each], dtype=np.int64)
     # Distance from its line that the test below allows a point, and the longest move of the refinement.
     reach = math.sqrt(2.0) * EPIPOLAR_PX + MAX_SHIFT_PX
     within = distances_in_second(search.fundamental, free0[i], free1[j]) <= reach
@@ -266,28 +272,6 @@ def densify(
     return Correspondences.concatenate([correspondences, new])
 
 
-def _expected_pairs(free0: Floats, free1: Floats, matched: Correspondences) -> tuple[Integers, Integers]:
-    """Pair corners with corners around the position that the weighted median of motions predicts."""
-    from scipy.spatial import cKDTree
-
-    distance, nearest = cKDTree(matched.first).query(free0, k=NUM_NEIGHBOURS)
-    point = np.repeat(np.arange(len(free0)), NUM_NEIGHBOURS)
-    weight = 1.0 / np.maximum(distance.ravel(), 1e-9)
-    motions = matched.motion[nearest.ravel()]
-
-    def median(values: Floats) -> Floats:
-        return outliers.weighted_median(values, point, weight, len(free0))
-
-    predicted = np.stack([median(column) for column in motions.T], axis=1)
-    difference = motions - predicted[point]
-    spread = median(np.sqrt((difference**2).sum(axis=1)))
-    reach = np.minimum(REACH_PX + REACH_SPREADS * spread, MAX_REACH_PX)
-    lists = cKDTree(free1).query_ball_point(free0 + predicted, reach, return_sorted=True)
-    i = np.repeat(np.arange(len(free0)), [len(each) for each in lists])
-    j = np.array([k for each in lists for k in each], dtype=np.int64)
-    return i, j
-
-
 def neighbourhood_variances(luma: Bytes, points: Floats, radius_px: int) -> Floats:
     """Return the variances of neighbourhoods around whole pixels; zero if they leave the frame."""
     variances = np.zeros(len(points))
@@ -304,7 +288,14 @@ def propagate(search: EpipolarSearch, correspondences: Correspondences) -> Corre
     seeds = correspondences[search.inside_both(correspondences)]
     if len(seeds) == 0 or not search.usable:
         return correspondences
-    tries = np.where(_crossing_edges(search), NUM_TRIES, 0)
+    # Edge points far from the epipole are tried, on edges that epipolar lines cross.
+    edges, normals, epipole = find_edges(search.luma0), gradient_directions(search.luma0), search.epipole
+    rows, columns = np.indices(edges.shape)
+    x, y = epipole[0] - columns * epipole[2], epipole[1] - rows * epipole[2]
+    length = np.sqrt(x * x + y * y)
+    far = length >= MIN_EPIPOLE_DISTANCE_PX * abs(epipole[2])
+    across = np.abs(normals[..., 0] * x + normals[..., 1] * y) >= MIN_SINE * length
+    tries = np.where(edges & far & across, NUM_TRIES, 0)
     num_seeds, room = len(seeds), len(seeds) + tries.size
     first, second, error = np.empty((room, 2), dtype=np.int64), np.empty((room, 2)), np.empty(room)
     first[:num_seeds] = np.rint(seeds.first)
@@ -324,17 +315,6 @@ def find_edges(luma: Bytes) -> Mask:
 
     smooth = cv2.GaussianBlur(luma, (3, 3), 0)
     return np.asarray(cv2.Canny(smooth, *CANNY, L2gradient=True) > 0)
-
-
-def _crossing_edges(search: EpipolarSearch) -> Mask:
-    """Return a mask of edge points far from the epipole, on edges that epipolar lines cross."""
-    edges, normals, epipole = find_edges(search.luma0), gradient_directions(search.luma0), search.epipole
-    rows, columns = np.indices(edges.shape)
-    x, y = epipole[0] - columns * epipole[2], epipole[1] - rows * epipole[2]
-    length = np.sqrt(x * x + y * y)
-    far = length >= MIN_EPIPOLE_DISTANCE_PX * abs(epipole[2])
-    across = np.abs(normals[..., 0] * x + normals[..., 1] * y) >= MIN_SINE * length
-    return np.asarray(edges & far & across)
 
 
 @kernel

@@ -65,18 +65,14 @@ def window(radius_px: int) -> Floats:
     """Return the weights of a neighbourhood: Epanechnikov's kernel, which reaches zero beyond its corners."""
     offset = np.arange(-radius_px, radius_px + 1, dtype=np.float64)
     weights: Floats = 2.0 * (radius_px + 1) ** 2 - (offset[:, None] ** 2 + offset**2)
-    weights /= weights.sum()
-    return weights
+    return np.asarray(weights / weights.sum())
 
 
 @kernel
 def refine_points(
     image: Floats, coefficients: Floats, first: Integers, parameters: Floats, weights: Floats, errors: Floats
 ) -> None:
-    """Minimise the neighbourhoods' errors over the rows of `parameters`, in place; error -1: failed.
-
-    `first` are whole pixels of `image` with room around them.
-    """
+    """Minimise errors over the rows of `parameters`, in place, around whole pixels `first`; -1: failed."""
     height, width = coefficients.shape[0] - 2 * MARGIN, coefficients.shape[1] - 2 * MARGIN
     size, count = weights.shape[0], parameters.shape[1]
     radius = size // 2

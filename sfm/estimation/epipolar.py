@@ -39,8 +39,7 @@ def distances_to_epipole(epipole: Floats, points: Floats) -> Floats:
     if abs(epipole[2]) <= 1e-12:
         return np.full(len(points), np.inf)
     offset = points - epipole[:2] / epipole[2]
-    distances: Floats = np.hypot(offset[:, 0], offset[:, 1])
-    return distances
+    return np.asarray(np.hypot(offset[:, 0], offset[:, 1]))
 
 
 def _bilinear(fundamental: Floats, first: Floats, second: Floats) -> tuple[Floats, Floats, Floats]:
@@ -54,23 +53,20 @@ def _bilinear(fundamental: Floats, first: Floats, second: Floats) -> tuple[Float
 def sampson_distances(fundamental: Floats, first: Floats, second: Floats) -> Floats:
     """Return first-order signed distances of pairs of points from the epipolar constraint."""
     product, in_second, in_first = _bilinear(fundamental, first, second)
-    distance: Floats = product / np.sqrt(np.maximum(in_second + in_first, TINY))
-    return distance
+    return product / np.sqrt(np.maximum(in_second + in_first, TINY))
 
 
 def symmetric_distances(fundamental: Floats, first: Floats, second: Floats) -> Floats:
     """Return the distances of pairs of points to each other's epipolar lines."""
     product, in_second, in_first = _bilinear(fundamental, first, second)
     squared = 0.5 * product * product
-    distance: Floats = np.sqrt(squared / np.maximum(in_second, TINY) + squared / np.maximum(in_first, TINY))
-    return distance
+    return np.sqrt(squared / np.maximum(in_second, TINY) + squared / np.maximum(in_first, TINY))
 
 
 def distances_in_second(fundamental: Floats, first: Floats, second: Floats) -> Floats:
     """Return the distances of second points to the epipolar lines of first points."""
     product, in_second, _ = _bilinear(fundamental, first, second)
-    distance: Floats = np.abs(product) / np.sqrt(np.maximum(in_second, TINY))
-    return distance
+    return np.abs(product) / np.sqrt(np.maximum(in_second, TINY))
 
 
 def fundamental_from_camera(camera: Floats) -> Floats:

@@ -72,8 +72,7 @@ def draw_samples(num_data: int, size: int, count: int, rng: np.random.Generator)
         return np.argsort(keys, axis=1, kind="stable")[:, :size].astype(np.int64)
     samples = rng.integers(0, num_data, (count, size))
     ordered = np.sort(samples, axis=1)
-    distinct: Integers = samples[(ordered[:, 1:] != ordered[:, :-1]).all(axis=1)]
-    return distinct
+    return np.asarray(samples[(ordered[:, 1:] != ordered[:, :-1]).all(axis=1)])
 
 
 def trials_needed(inlier_fraction: float, sample_size: int) -> float:

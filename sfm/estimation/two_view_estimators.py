@@ -21,12 +21,8 @@ class TwoViewEstimator:
     """Points of two images, each moved to have its centroid at 0, and both scaled alike."""
 
     def __init__(self, first: Floats, second: Floats) -> None:
-        self.num_data, self._first_px, self._second_px, self.scale_px = (
-            len(first),
-            np.zeros(2),
-            np.zeros(2),
-            1.0,
-        )
+        self.num_data, self.scale_px = len(first), 1.0
+        self._first_px, self._second_px = np.zeros(2), np.zeros(2)
         if len(first):
             a, b = self._first_px, self._second_px = first.mean(axis=0), second.mean(axis=0)
             spread = math.sqrt(0.25 * float((((first - a) ** 2) + (second - b) ** 2).sum(axis=1).mean()))
@@ -72,8 +68,7 @@ class HomographyEstimator(TwoViewEstimator):
         uu, vv, uv = 1 + jux * jux + juy * juy, 1 + jvx * jvx + jvy * jvy, jux * jvx + juy * jvy
         du, dv = self.second[:, 0] - u, self.second[:, 1] - v
         squared = (vv * du * du - 2 * uv * du * dv + uu * dv * dv) / np.maximum(uu * vv - uv * uv, 1.0)
-        distances: Floats = np.sqrt(np.maximum(squared, 0.0)) * self.scale_px
-        return distances
+        return np.sqrt(np.maximum(squared, 0.0)) * self.scale_px
 
     def refine(self, model: Floats, inliers: Mask) -> Floats:
         """Fit the inliers by linear least squares, reweighted to minimise distances in the image."""
@@ -179,15 +174,13 @@ def turned(fundamental: Floats, step: Floats) -> Floats:
     u, s, vt = svd(fundamental)
     angle = math.atan2(s[1], s[0]) + step[6]
     diagonal = np.array([math.cos(angle), math.sin(angle), 0.0])
-    product: Floats = (u @ _rotation(step[:3]) * diagonal) @ (_rotation(step[3:6]).T @ vt)
-    return product
+    return np.asarray((u @ _rotation(step[:3]) * diagonal) @ (_rotation(step[3:6]).T @ vt))
 
 
 def _rotation(vector: Floats) -> Floats:
     """Return the rotation about a vector, by the Cayley transform: orthogonal, no special case at 0."""
     half = skew(0.5 * vector)
-    rotation: Floats = np.linalg.solve(np.eye(3) - half, np.eye(3) + half).astype(np.float64)
-    return rotation
+    return np.linalg.solve(np.eye(3) - half, np.eye(3) + half).astype(np.float64)
 
 
 class FundamentalEstimator(TwoViewEstimator):
@@ -198,7 +191,12 @@ class FundamentalEstimator(TwoViewEstimator):
     def estimate(self, samples: Integers) -> Floats:
         """Solve many samples at once."""
         rows = constraint_rows(self.first, self.second)[samples]
-        return seven_point(rows) if samples.shape[1] == self.min_num_samples else eight_point(rows)
+        if samples.shape[1] == self.min_num_samples:
+            return seven_point(rows)
+        solution = least_singular(rows).reshape(-1, 3, 3)
+        last = least_singular(solution)[:, :, None]
+        models = solution - (solution @ last) @ last.transpose(0, 2, 1)
+        return np.asarray(models / np.maximum(np.linalg.norm(models, axis=(1, 2)), TINY)[:, None, None])
 
     def to_pixels(self, fundamental: Floats) -> Floats:
         """Convert a fundamental matrix to pixels."""
@@ -235,8 +233,7 @@ def seven_point(rows: Floats) -> Floats:
     sample, which = np.nonzero(np.isfinite(roots))
     z = roots[sample, which][:, None, None]
     models = z * a[sample] + b[sample]
-    unit: Floats = models / np.linalg.norm(models, axis=(1, 2))[:, None, None]
-    return unit
+    return np.asarray(models / np.linalg.norm(models, axis=(1, 2))[:, None, None])
 
 
 def _determinants(m: Floats) -> Floats:
@@ -246,12 +243,3 @@ def _determinants(m: Floats) -> Floats:
         + m[:, 0, 2] * (m[:, 1, 0] * m[:, 2, 1] - m[:, 1, 1] * m[:, 2, 0])
     )
     return determinant
-
-
-def eight_point(rows: Floats) -> Floats:
-    """Return matrices of rank 2 that nearly satisfy more than seven equations."""
-    solution = least_singular(rows).reshape(-1, 3, 3)
-    last = least_singular(solution)[:, :, None]
-    models: Floats = solution - (solution @ last) @ last.transpose(0, 2, 1)
-    unit: Floats = models / np.maximum(np.linalg.norm(models, axis=(1, 2)), TINY)[:, None, None]
-    return unit

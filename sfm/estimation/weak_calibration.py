@@ -31,10 +31,7 @@ MIN_SPREAD_PX = 3.0
 MIN_PARALLAX_SHARE = 0.1
 """Least share of the correspondences off the homography in a general scene."""
 SURE_PARALLAX_SHARE = 0.2
-"""Share above which the scene is general even if the criterion prefers the homography.
-
-The criterion caps the cost of points that disagree, and so overlooks a second plane.
-"""
+"""Share above which the scene is general, even if the criterion, as it caps costs, overlooks a plane."""
 HOMOGRAPHY_SEARCH = RobustSettings(min_num_trials=100, max_num_trials=1000)
 
 

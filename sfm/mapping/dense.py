@@ -99,7 +99,12 @@ def dense_pieces(
 ) -> tuple[MapPiece, ...]:
     """Add depth and clouds to the pieces of a sequence, reading its frames once."""
     chosen = depth_frames(tracks, structures)
-    near = [sorted({*k, *companions(k, each)}) for k, each in zip(chosen, structures, strict=True)]
+    near = []  # frames with depth, and located companions, which see longer what soon leaves a frame
+    for keys, structure in zip(chosen, structures, strict=True):
+        gaps = np.diff(keys) if len(keys) > 1 else np.ones(1)
+        step = max(1, round(float(np.median(gaps)) / COMPANION_SHARE))
+        located = {k for key in keys for k in (key - step, key + step) if k in structure.poses}
+        near.append(sorted(located | set(keys)))
     needed = {k for each in near for k in each}
     pictures = {index: frame for index, frame in enumerate(frames) if index in needed}
     shape = tracks.height_px, tracks.width_px
@@ -125,10 +130,7 @@ def dense_pieces(
 
 
 def depth_frames(tracks: SequenceTracks, structures: Sequence[Structure]) -> list[list[int]]:
-    """Choose the key frames of each piece that get depth, a limited number in all.
-
-    If even two frames of each piece are too many, the shortest pieces get none.
-    """
+    """Choose the key frames of each piece that get depth, a limited number; short pieces may get none."""
 
     def visible(structure: Structure, frame: int) -> bool:
         count = np.count_nonzero(structure.triangulated[tracks.seen[frame].ids])
@@ -144,13 +146,6 @@ def depth_frames(tracks: SequenceTracks, structures: Sequence[Structure]) -> lis
         chosen[number] = chosen[number] if len(chosen[number]) <= room else []
         room -= len(chosen[number])
     return chosen
-
-
-def companions(keys: Sequence[int], structure: Structure) -> list[int]:
-    """Return located frames near the frames with depth, which see longer what soon leaves a frame."""
-    gaps = np.diff(keys) if len(keys) > 1 else np.ones(1)
-    step = max(1, round(float(np.median(gaps)) / COMPANION_SHARE))
-    return [k for key in keys for k in (key - step, key + step) if k in structure.poses and k not in keys]
 
 
 def _view(structure: Structure, tracks: SequenceTracks, index: int, frame: Frame, factor: int) -> View:
@@ -254,10 +249,7 @@ def inverse_depth_span(view: View) -> tuple[float, float]:
 
 
 def sweep_depth(views: Mapping[int, View], frame: int, nearest: float) -> SweptDepth | None:
-    """Estimate the inverse depth of a frame, with confidence and error; None without suitable neighbours.
-
-    `nearest` is the largest inverse depth in any frame: near points leave a frame soon.
-    """
+    """Estimate depth of a frame; None without neighbours. `nearest` is the largest inverse depth anywhere."""
     view = views[frame]
     compared = [(views[k].luma, warp_between(view, views[k])) for k in neighbours(views, frame)]
     if not compared:

@@ -101,10 +101,7 @@ def map_video(path: str, *, mapper: str = "native", report: Callable[[str], None
 def map_pieces_by_colmap(
     frames: Iterable[Frame], tracks: SequenceTracks, report: Callable[[str], None]
 ) -> list[Structure]:
-    """Reconstruct a sequence as structures that share no coordinate frame, in temporal order.
-
-    COLMAP's incremental mapper locates key frames; tracked points locate all other frames.
-    """
+    """Locate key frames by COLMAP's mapper and other frames by tracks; return them in temporal order."""
     keys = tracks.key_frames
     chosen = evenly_spaced(keys, MAX_FRAMES)
     if len(chosen) < MIN_KEYS:

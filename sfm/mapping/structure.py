@@ -92,10 +92,7 @@ def stacked(poses: dict[int, Floats], frames: Integers) -> Floats:
 
 
 def triangulate(structure: Structure, seen: Observations) -> tuple[Integers, Floats]:
-    """Return indices and positions of well-determined points, from all their observations.
-
-    Observations that disagree with a point are dropped once, and the point is triangulated again.
-    """
+    """Return indices and positions of well-determined points; observations that disagree are dropped once."""
     numbers, points, errors = _triangulate_all(structure, seen)
     order = np.lexsort((errors, seen.points))
     _, start, which, count = np.unique(
@@ -127,8 +124,19 @@ def _triangulate_all(structure: Structure, seen: Observations) -> tuple[Integers
     homogeneous = np.linalg.eigh(normal)[1][:, :, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         points = homogeneous[:, :3] / homogeneous[:, 3:]
-    for _ in range(NUM_STEPS):
-        points = _gauss_newton_step(poses, rays, which, points)
+    for _ in range(NUM_STEPS):  # Gauss-Newton
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            inside = np.einsum("nij,nj->ni", poses[:, :, :3], points[which]) + poses[:, :, 3]
+            image = inside[:, :2] / inside[:, 2:]
+            jacobian = (poses[:, :2, :3] - image[:, :, None] * poses[:, 2:3, :3]) / inside[:, 2, None, None]
+            residual = rays[:, :2] - image
+        normal, right = np.zeros((len(points), 3, 3)), np.zeros((len(points), 3))
+        np.add.at(normal, which, np.einsum("nki,nkj->nij", jacobian, jacobian))
+        np.add.at(right, which, np.einsum("nki,nk->ni", jacobian, residual))
+        usable = np.isfinite(normal).all(axis=(1, 2)) & np.isfinite(right).all(axis=1)
+        normal[~usable], right[~usable] = np.eye(3), np.nan
+        normal += (1e-9 * np.einsum("nii->n", normal) + 1e-300)[:, None, None] * np.eye(3)
+        points = np.asarray(points + np.linalg.solve(normal, right[:, :, None])[:, :, 0])
     candidate = replace(structure, points=points)
     renumbered = replace(seen, points=which.astype(np.int64))
     return numbers, points, reprojection_errors(candidate, renumbered)
@@ -143,23 +151,6 @@ def widest_angles_deg(poses: Floats, rays: Floats, which: Integers, count: int) 
     least = np.ones(count)
     np.minimum.at(least, which, cosine)
     return np.degrees(np.arccos(least))
-
-
-def _gauss_newton_step(poses: Floats, rays: Floats, which: Integers, points: Floats) -> Floats:
-    """Move all points by one Gauss-Newton step."""
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        inside = np.einsum("nij,nj->ni", poses[:, :, :3], points[which]) + poses[:, :, 3]
-        image = inside[:, :2] / inside[:, 2:]
-        jacobian = (poses[:, :2, :3] - image[:, :, None] * poses[:, 2:3, :3]) / inside[:, 2, None, None]
-        residual = rays[:, :2] - image
-    normal, right = np.zeros((len(points), 3, 3)), np.zeros((len(points), 3))
-    np.add.at(normal, which, np.einsum("nki,nkj->nij", jacobian, jacobian))
-    np.add.at(right, which, np.einsum("nki,nk->ni", jacobian, residual))
-    usable = np.isfinite(normal).all(axis=(1, 2)) & np.isfinite(right).all(axis=1)
-    normal[~usable], right[~usable] = np.eye(3), np.nan
-    trace = np.einsum("nii->n", normal)
-    normal += (1e-9 * trace + 1e-300)[:, None, None] * np.eye(3)
-    return np.asarray(points + np.linalg.solve(normal, right[:, :, None])[:, :, 0])
 
 
 def register_frame(structure: Structure, frame: int, seen: Observations) -> Floats | None:
@@ -189,10 +180,7 @@ def register_frame(structure: Structure, frame: int, seen: Observations) -> Floa
 def adjust_bundle(
     structure: Structure, seen: Observations, free: Collection[int] | None = None, *, focal: bool = True
 ) -> Structure:
-    """Minimise the reprojection errors over points, poses of `free` frames (default: all), and focal length.
-
-    The structure is returned unchanged unless some point is seen by two frames.
-    """
+    """Minimise reprojection errors over points, poses of `free` frames (default: all), and focal length."""
     import pycolmap
 
     seen = seen[structure.triangulated[seen.points]]

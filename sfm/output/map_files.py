@@ -81,10 +81,7 @@ def write_ply(path: Path, points: Floats, colours: Bytes, comment: str) -> None:
 
 
 def write_trajectory(path: Path, poses: Mapping[int, Floats], fps: Fraction | float | None) -> None:
-    """Write poses, world to camera, in the format of the TUM RGB-D benchmark: lines of camera to world.
-
-    The time of a frame follows from its index.
-    """
+    """Write poses as the TUM RGB-D benchmark does, camera to world; times follow from frame indices."""
     from scipy.spatial.transform import Rotation
 
     unit = "frame index" if fps is None else f"seconds, frame index / {fps}"
@@ -169,8 +166,7 @@ def _rigid_part(rotation: Floats, translation: Floats, parameters: Floats) -> tu
 
 def _nearest_rotation(matrix: Floats) -> Floats:
     u, _, vt = np.linalg.svd(matrix)
-    rotation: Floats = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
-    return rotation
+    return np.asarray(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)
 
 
 def point_colours(luma: Bytes, points: Floats) -> Bytes:

@@ -116,16 +116,39 @@ def write_scene(
     ValueError
         If a camera has skew.
     """
-    target = Path(folder)
-    pieces = []
+    target, size, pieces = Path(folder), (scene.width_px, scene.height_px), []
     for number, piece in enumerate(scene.pieces):
         name = f"piece-{number}" if number else "."
-        (target / name).mkdir(exist_ok=True)
-        pieces.append({"folder": name, **_write_piece(target / name, piece, scene, fps)})
+        part = target / name
+        part.mkdir(exist_ok=True)
+        poses = {f"{n:06d}.png": piece.poses[n] for n in sorted(piece.poses)}
+        count = min(len(piece.points), MAX_SPARSE_POINTS)
+        chosen = np.linspace(0, len(piece.points) - 1, count).astype(np.int64)
+        cloud = piece.points[chosen], piece.colours[chosen]
+        (part / "sparse").mkdir()
+        map_files.colmap_model(size, piece.intrinsics, poses, cloud).write_text(part / "sparse")
+        map_files.write_trajectory(part / "trajectory.txt", piece.poses, fps)
+        matrix = piece.intrinsics.tolist()
+        intrinsics = {"size": list(size), "matrix": matrix, "centre_of_first_pixel": [0, 0]}
+        map_files.write_json(part / "intrinsics.json", intrinsics)
+        map_files.write_ply(part / "points.ply", piece.points, piece.colours, UNIT)
+        step, depth_frames = map_files.depth_step(piece.depths), sorted(piece.depths)
+        (part / "depth").mkdir()
+        map_files.write_depth_maps(part / "depth", piece.depths, step)
+        depth = {"depth_of_a_level": step, "unknown": 0, "frames": depth_frames}
+        map_files.write_json(part / "depth.json", depth)
+        entry = {
+            "folder": name,
+            "frames": sorted(piece.poses),
+            "num_points": len(piece.points),
+            "depth_frames": depth_frames,
+            "files": ["sparse", "trajectory.txt", "intrinsics.json", "points.ply", "depth", "depth.json"],
+        }
+        pieces.append(entry)
     write_flight(target / "index.html", scene, frame, fps, title)
     values = {
         "summary": scene.summary,
-        "size": [scene.width_px, scene.height_px],
+        "size": list(size),
         "num_frames": scene.num_frames,
         "num_located": scene.num_located,
         "frames_per_second": None if fps is None else float(fps),
@@ -134,35 +157,6 @@ def write_scene(
         "pieces": pieces,
     }
     map_files.write_json(target / "scene.json", values)
-
-
-def _write_piece(
-    folder: Path, piece: MapPiece, scene: SceneMap, fps: Fraction | float | None
-) -> dict[str, Any]:
-    """Write the files of a piece, and return its entry in the index."""
-    size = scene.width_px, scene.height_px
-    poses = {f"{n:06d}.png": piece.poses[n] for n in sorted(piece.poses)}
-    count = min(len(piece.points), MAX_SPARSE_POINTS)
-    chosen = np.linspace(0, len(piece.points) - 1, count).astype(np.int64)
-    cloud = piece.points[chosen], piece.colours[chosen]
-    (folder / "sparse").mkdir()
-    map_files.colmap_model(size, piece.intrinsics, poses, cloud).write_text(folder / "sparse")
-    map_files.write_trajectory(folder / "trajectory.txt", piece.poses, fps)
-    intrinsics = {"size": list(size), "matrix": piece.intrinsics.tolist(), "centre_of_first_pixel": [0, 0]}
-    map_files.write_json(folder / "intrinsics.json", intrinsics)
-    map_files.write_ply(folder / "points.ply", piece.points, piece.colours, UNIT)
-    step = map_files.depth_step(piece.depths)
-    (folder / "depth").mkdir()
-    map_files.write_depth_maps(folder / "depth", piece.depths, step)
-    map_files.write_json(
-        folder / "depth.json", {"depth_of_a_level": step, "unknown": 0, "frames": sorted(piece.depths)}
-    )
-    return {
-        "frames": sorted(piece.poses),
-        "num_points": len(piece.points),
-        "depth_frames": sorted(piece.depths),
-        "files": ["sparse", "trajectory.txt", "intrinsics.json", "points.ply", "depth", "depth.json"],
-    }
 
 
 def write_flight(

@@ -59,10 +59,7 @@ def mean_orientation(rotations: Sequence[Floats]) -> Floats:
 
 
 def fit_lattice(centres: Floats, positions: Floats, orientation: Floats) -> tuple[Lattice, Floats]:
-    """Fit a lattice to centres with known positions, by least squares (2.6), and turn both upright.
-
-    Then ``v1 x v2`` points to the scene and v1 to the right.
-    """
+    """Fit a lattice to centres with known positions (2.6), v1 to the right and ``v1 x v2`` to the scene."""
     right, _, forward = orientation
     mean, middle = positions.mean(axis=0), centres.mean(axis=0)
     shift, offset = positions - mean, centres - middle
@@ -97,7 +94,18 @@ def assign_positions(centres: Floats, orientation: Floats) -> tuple[Lattice, Flo
     normal = axes[2] * (1.0 if axes[2] @ forward >= 0.0 else -1.0)
     tilted = normal @ forward < np.cos(np.radians(MAX_TILT_DEG))
     if len(centres) < 3 or spread[1] < LINE_RATIO * spread[0]:
-        positions = _positions_on_line(offset, axes[0], orientation)
+        # (t, 0) or (0, t) of centres on a line that leads rather to the right or downwards
+        across, down, _ = orientation @ axes[0]
+        in_row = abs(across) >= abs(down)
+        distance = offset @ axes[0] * (1.0 if (across if in_row else down) >= 0.0 else -1.0)
+        gaps = np.diff(np.sort(distance))
+        if not gaps.any():
+            raise ConfigError("the cameras are at one point: nothing has parallax")
+        steps = [float(np.min(gaps[gaps > 1e-6 * np.ptp(distance)])) / part for part in (1, 2, 3)]
+        numbers = next((n for step in steps if (n := _whole_numbers(distance / step)) is not None), None)
+        t = distance / float(np.median(gaps[gaps > 0.0])) if numbers is None else numbers
+        t = t - t[_middle(distance[:, None] - np.median(distance))]
+        positions = np.column_stack([t, 0.0 * t] if in_row else [0.0 * t, t])
     else:
         normal = forward if tilted else normal
         right = right - (right @ normal) * normal
@@ -105,24 +113,21 @@ def assign_positions(centres: Floats, orientation: Floats) -> tuple[Lattice, Flo
         points = offset @ np.column_stack([right, np.cross(normal, right)])
         whole = None if tilted else _whole_positions(points)
         if whole is None:
-            return _square_lattice(centres, points, right, normal)
+            # square cells, in median distances of neighbours, and real-valued positions
+            points = points - points[_middle(points)]
+            between = np.linalg.norm(points[:, None] - points[None], axis=2)
+            nearest = np.median((between + np.diag(np.full(len(points), np.inf))).min(axis=1))
+            if not nearest > 0.0:
+                raise ConfigError("cameras are one behind the other: such views cannot be rectified")
+            positions = points / nearest
+            down = np.cross(normal, right)
+            along = right if np.ptp(positions[:, 0]) >= np.ptp(positions[:, 1]) else down
+            unit = float(np.ptp(offset @ along) / np.ptp(positions, axis=0).max())
+            middle = int(np.argmin(np.abs(positions).sum(axis=1)))
+            origin = centres[middle] - (offset[middle] @ normal) * normal
+            return Lattice(origin, unit * right, unit * down), positions
         positions = whole
     return fit_lattice(centres, positions, orientation)
-
-
-def _positions_on_line(offset: Floats, direction: Floats, orientation: Floats) -> Floats:
-    """Return (t, 0) or (0, t) of centres on a line that leads rather to the right or downwards."""
-    across, down, _ = orientation @ direction
-    in_row = abs(across) >= abs(down)
-    distance = offset @ direction * (1.0 if (across if in_row else down) >= 0.0 else -1.0)
-    gaps = np.diff(np.sort(distance))
-    if not gaps.any():
-        raise ConfigError("the cameras are at one point: nothing has parallax")
-    steps = [float(np.min(gaps[gaps > 1e-6 * np.ptp(distance)])) / part for part in (1, 2, 3)]
-    whole = next((n for step in steps if (n := _whole_numbers(distance / step)) is not None), None)
-    t = distance / float(np.median(gaps[gaps > 0.0])) if whole is None else whole
-    t = t - t[_middle(distance[:, None] - np.median(distance))]
-    return np.column_stack([t, 0.0 * t] if in_row else [0.0 * t, t])
 
 
 def _middle(points: Floats) -> int:
@@ -177,19 +182,3 @@ def _lattice_positions(points: Floats, v1: Floats, v2: Floats) -> Floats | None:
     fitted = np.linalg.lstsq(design, points, rcond=None)[0]
     residual = (points - design @ fitted) @ np.linalg.inv(fitted[:2])
     return whole if np.abs(residual).max() <= _NEAR_LATTICE else None
-
-
-def _square_lattice(centres: Floats, points: Floats, right: Floats, normal: Floats) -> tuple[Lattice, Floats]:
-    """Return the lattice of square cells, in median distances of neighbours, and real-valued positions."""
-    points = points - points[_middle(points)]
-    apart = np.linalg.norm(points[:, None] - points[None], axis=2) + np.diag(np.full(len(points), np.inf))
-    nearest = np.median(apart.min(axis=1))
-    if not nearest > 0.0:
-        raise ConfigError("cameras are one behind the other: such views cannot be rectified")
-    positions = points / nearest
-    offset = centres - centres.mean(axis=0)
-    along = right if np.ptp(positions[:, 0]) >= np.ptp(positions[:, 1]) else np.cross(normal, right)
-    unit = float(np.ptp(offset @ along) / np.ptp(positions, axis=0).max())
-    middle = int(np.argmin(np.abs(positions).sum(axis=1)))
-    origin = centres[middle] - (offset[middle] @ normal) * normal
-    return Lattice(origin, unit * right, unit * np.cross(normal, right)), positions

@@ -152,8 +152,7 @@ def supported(
     mask = mask & confirmed
     speckles = np.where(mask, maps[index], -2).astype(np.int16)
     cv2.filterSpeckles(speckles, -2, MIN_REGION_PX, tolerance(fineness(array, labels)))
-    large: Mask = speckles != -2
-    return mask & large
+    return np.asarray(mask & (speckles != -2))
 
 
 def seen_elsewhere(
@@ -179,26 +178,19 @@ class Comparison:
     undefined: float = UNDEFINED_COST  # cost of an undefined voxel, as a share of the highest
 
 
-@dataclass(frozen=True, eq=False)
-class Regions:
-    """Regions of aggregation of a camera."""
-
-    arms: Sequence[Arms]  # arms of each window; none for single pixels
-    windows: Sequence[Window]  # windows with equal weights
-    base: Labels  # labels of the base surface
-    band: Band  # labels to try
-
-
 def photometric_cost(
     comparison: Comparison,
     index: int,
     near: Neighbours,
-    regions: Regions,
+    arms: Sequence[Arms],  # arms of each window; none for single pixels
+    windows: Sequence[Window],  # windows of aggregation, with equal weights
+    base: Labels,  # labels of the base surface
+    band: Band,  # labels to try
     occupancy: Sequence[Occupancy] | None,
     rows: slice,
 ) -> Singles:
     """Compute some rows of the photometric cost volume of a camera (2.20)."""
-    array, labels, band = comparison.array, comparison.labels, regions.band
+    array, labels = comparison.array, comparison.labels
     fine = fineness(array, labels)
 
     def _costs(other: int) -> WeightedCosts:
@@ -208,12 +200,12 @@ def photometric_cost(
             moved = shifts(labels, array[index].position, array[other].position)
             surfaces = *occupancy[index], *occupancy[other]
             _clear_invisible(*surfaces, moved, band.origin, tolerance(fine), rows.start, costs.weight)
-        if not regions.windows:
+        if not windows:
             return costs
-        surface = regions.base[rows], band.origin[rows]
-        copies = [costs, *(WeightedCosts(*map(np.copy, costs)) for _ in regions.windows[1:])]
-        for copy, arms, window in zip(copies, regions.arms, regions.windows, strict=True):
-            aggregate(copy, arms[rows], *surface, max_jump(fine), window.iterations)
+        surface = base[rows], band.origin[rows]
+        copies = [costs, *(WeightedCosts(*map(np.copy, costs)) for _ in windows[1:])]
+        for copy, reach, window in zip(copies, arms, windows, strict=True):
+            aggregate(copy, reach[rows], *surface, max_jump(fine), window.iterations)
         return reduce(mean_costs, copies)
 
     join = smaller_costs if comparison.smaller_of_opposite else mean_costs

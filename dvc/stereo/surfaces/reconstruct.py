@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.arrays import Floats, Integers
+from dvc.arrays import Floats
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import ArrayView, CameraArray, DisparityLabels, Reconstruction, Surface
 from dvc.geometry.label_inference import Inferred
@@ -24,8 +24,8 @@ from dvc.geometry.matching_costs import COSTS, Arms, Band, MatchingCost, Window,
 from dvc.stereo.surfaces.occupancy import (
     EXPOSURE_RATIO,
     Comparison,
+    Labels,
     Occupancy,
-    Regions,
     add_distance,
     fineness,
     gains,
@@ -44,8 +44,6 @@ from dvc.stereo.surfaces.surface_completion import (
     fitted_planes,
     fused,
 )
-
-Labels = Integers
 
 MAX_CELLS = 24_000_000
 """Largest number of pixels times labels in one inference; larger views are cut into strips of rows."""
@@ -177,8 +175,17 @@ class _Solver:
 
     def solve(self) -> tuple[_State, list[float]]:
         """Iterate until nothing changes; return the last state, and the changed share of each iteration."""
-        state = self._coarse() if self.is_large else None
+        state: _State | None = None
         changes: list[float] = []
+        if self.is_large:  # begin with the state of views of half the size; disparities double, steps do not
+            labels, half = self.labels, CameraArray(tuple(map(_half, self.array)))
+            solver = _Solver(half, _half_range(labels), self.settings, self.pool, self.advance)
+            coarse, _ = solver.solve()
+            doubled = [np.clip(2.0 * surface, 0.0, labels.num_labels - 1.0) for surface in coarse.filled]
+            filled = [_repeated(surface, self.array.shape) for surface in doubled]
+            bases = [_base(surface, labels) for surface in filled]
+            near = [_repeated(occupancy.supported, self.array.shape) for occupancy in coarse.occupancy]
+            state = _State([Occupancy(*pair) for pair in zip(bases, near, strict=True)], [], filled, bases)
         for _ in range(BAND_ITERATIONS if self.is_large else self.settings.max_iterations):
             after = self._iterated(state)
             pairs = [] if state is None else zip(state.filled, after.filled, strict=True)
@@ -190,20 +197,6 @@ class _Solver:
                 break
         assert state is not None
         return state, changes
-
-    def _coarse(self) -> _State:
-        """Return the state of views of half the size, at full size."""
-        labels = self.labels
-        views = tuple(_half(view) for view in self.array)
-        solver = _Solver(CameraArray(views), _half_range(labels), self.settings, self.pool, self.advance)
-        state, _ = solver.solve()
-        # disparities double, steps do not
-        doubled = [np.clip(2.0 * surface, 0.0, labels.num_labels - 1.0) for surface in state.filled]
-        filled = [_repeated(surface, self.array.shape) for surface in doubled]
-        bases = [_base(surface, labels) for surface in filled]
-        near = [_repeated(occupancy.supported, self.array.shape) for occupancy in state.occupancy]
-        occupancy = [Occupancy(*pair) for pair in zip(bases, near, strict=True)]
-        return _State(occupancy, [], filled, bases)
 
     def _iterated(self, state: _State | None) -> _State:
         """Run one iteration over all cameras."""
@@ -249,9 +242,9 @@ class _Solver:
         arms = [self.arms[index, window] for window in windows]
         occupancy = state.occupancy if state is not None and settings.occlusion == "explicit" else None
         origin = base - self.half_band if self.is_large else np.zeros(view.shape, np.int64)
-        regions = Regions(arms, windows, base, Band(origin, self.num_labels))
+        band, near = Band(origin, self.num_labels), self.near[index]
         comparison = replace(self.comparison, smaller_of_opposite=settings.takes_smaller(iteration))
-        cost = photometric_cost(comparison, index, self.near[index], regions, occupancy, rows)
+        cost = photometric_cost(comparison, index, near, arms, windows, base, band, occupancy, rows)
         if state is not None and settings.geometric_weight > 0.0:
             label, mask = (plane[rows] for plane in state.occupancy[index])
             strength = np.float32(settings.geometric_weight)
@@ -315,5 +308,4 @@ def _repeated(plane: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
 def _base(filled: Floats, labels: DisparityLabels) -> Labels:
     """Round a surface to labels, without single outliers."""
     smooth = cv2.medianBlur(filled.astype(np.float32), BASE_MEDIAN_PX)
-    base: Labels = np.clip(np.floor(smooth + 0.5), 0, labels.num_labels - 1).astype(np.int64)
-    return base
+    return np.asarray(np.clip(np.floor(smooth + 0.5), 0, labels.num_labels - 1).astype(np.int64))

@@ -7,13 +7,6 @@ if TYPE_CHECKING:
     from dvc.geometry.label_inference import Inference
     from dvc.geometry.matching_costs import Window
 
-TUNING_PAIRS = (
-    *("tsukuba", "venus", "teddy", "cones"),
-    *("Adirondack_Q", "Baby1", "Bowling2", "Flowerpots", "Lampshade1"),
-    *("Monopoly", "Playroom_Q", "Rocks1", "barn1", "sawtooth"),
-)
-TEST_PAIRS = "Aloe", "Cloth3", "Midd1", "Pipes_Q", "Recycle_Q", "Wood2", "bull"
-"""Pairs of Middlebury for the choice of settings, and for the comparison of several trials."""
 COST_NAMES = "census", "squared"
 INFERENCE_NAMES = "belief-propagation", "semi-global"
 OCCLUSION_NAMES = "explicit", "implicit", "none"

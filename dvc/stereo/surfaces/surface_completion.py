@@ -22,7 +22,6 @@ SLOPE_RADIUS_PX, SLOPE_SPACING_PX = 34, 2
 SLOPE_LIMIT = 3.0
 """Largest difference of parallax in this radius on one surface, in pixels."""
 REACH_PX = 80.0
-"""Reach of slopes."""
 SLACK_PX = 1.5
 """Largest distance between two depths of one surface, in the test whether a camera looks through a point."""
 PLANE_RADIUS_PX, PLANE_SPACING_PX = 14, 2
@@ -32,7 +31,7 @@ PLANE_TOLERANCE_PX, MAX_CHANGE_PX = 2.25, 0.75
 PLANE_LEVELS, CONTINUED_WEIGHT, STIFFNESS_PX2 = 40.0, 0.2, 0.5
 """Sum of colour differences that divides the weight of a pixel by e, weight of a pixel without support, and
 variance that is added to that of the pixels, so that noise makes no slopes; all chosen on
-`stereo_settings.TUNING_PAIRS`."""
+`TUNING_PAIRS` of `benchmarks.searches.surfaces`."""
 
 FUSION_ROUNDS = 2
 """Number of rounds of fusion; the second one sees the corrections of the first one."""
@@ -181,14 +180,13 @@ class Evidence(NamedTuple):
 
 
 WEIGHTS = Evidence(0.1, 0.8, -3.2, 0.6, 3.2)
-"""Weights of the log-odds: by `benchmarks.searches.confidence` on `TUNING_PAIRS`, rounded."""
+"""Weights of the log-odds: by `benchmarks.searches.confidence` on its `TUNING_PAIRS`, rounded."""
 
 
 def confidence(measures: Evidence) -> Singles:
     """Return the probability that each disparity is right within a pixel."""
     log_odds = sum(weight * measure for weight, measure in zip(WEIGHTS, measures, strict=True))
-    probability: Singles = (1.0 / (1.0 + np.exp(-log_odds))).astype(np.float32)
-    return probability
+    return (1.0 / (1.0 + np.exp(-log_odds))).astype(np.float32)
 
 
 def evidence(array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels], index: int) -> Evidence:

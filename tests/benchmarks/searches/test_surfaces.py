@@ -5,10 +5,9 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
-from benchmarks.searches.surfaces import Pair, changed
+from benchmarks.searches.surfaces import TEST_PAIRS, TUNING_PAIRS, Pair, changed
 from dvc.geometry.camera_array import ArrayView, CameraArray, LatticePosition
 from dvc.stereo.surfaces import surface_completion
-from dvc.stereo.surfaces.stereo_settings import TEST_PAIRS, TUNING_PAIRS
 
 
 def test_bad_pixels_are_shares_of_what_counts() -> None:

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import decoder.side_information.mesh
 from decoder.side_information import scene_interpolators
 from decoder.side_information.mesh import (
     MeshInterpolator,
-    MeshSettings,
     barycentric,
     epipolar_lines,
     fit_mesh,
@@ -37,11 +37,11 @@ MODEL = two_planes()
 FRAME = MODEL.pixel_frame
 FIRST, SECOND = (render(position, FRAME)[0] for position in (0.0, 1.0))
 SHAPE = FIRST.shape
-FINE_MESH = MeshSettings(cell_px=8)
+FINE_CELL_PX = 8
 Make = Callable[[Model, np.ndarray, np.ndarray], DepthInterpolator | MeshInterpolator | BlockInterpolator]
 METHODS: dict[str, Make] = {
     "depth": DepthInterpolator,
-    "mesh": lambda *keys: MeshInterpolator(*keys, settings=FINE_MESH),
+    "mesh": lambda *keys: MeshInterpolator(*keys, cell_px=FINE_CELL_PX),
     "blocks": BlockInterpolator,
 }
 MIN_PSNR_DB = {"depth": 33.0, "mesh": 24.0, "blocks": 32.0}
@@ -140,7 +140,7 @@ def test_mesh_reproduces_a_translation() -> None:
     matches = Correspondences(points, points + np.array([3.2, 0.0]), np.zeros(60))
     image = np.zeros((48, 64), np.uint8)
     model = Model(frame, np.eye(3), sideways, matches, np.full(60, 2.0))
-    mesh = fit_mesh(model, image, image, MeshSettings())
+    mesh = fit_mesh(model, image, image)
     rows, columns = np.indices(mesh.second.shape[:2])
     grid = np.stack([columns, rows], -1) * 16.0 - 16.0
     np.testing.assert_allclose(mesh.second - grid, np.broadcast_to([3.2, 0.0], grid.shape), atol=1e-3)
@@ -148,7 +148,7 @@ def test_mesh_reproduces_a_translation() -> None:
     assert mesh.kept.all()
 
 
-def test_mesh_drops_outliers() -> None:
+def test_mesh_drops_outliers(monkeypatch: pytest.MonkeyPatch) -> None:
     second = MODEL.correspondences.second.copy()
     wrong = np.arange(0, len(second), 40)
     second[wrong, 0] += 45.0
@@ -156,7 +156,8 @@ def test_mesh_drops_outliers() -> None:
     right = np.setdiff1d(np.arange(len(second)), wrong)
     errors = []
     for max_fits in (1, 8):
-        mesh = fit_mesh(model, FIRST, SECOND, replace(FINE_MESH, max_fits=max_fits))
+        monkeypatch.setattr(decoder.side_information.mesh, "MAX_FITS", max_fits)
+        mesh = fit_mesh(model, FIRST, SECOND, FINE_CELL_PX)
         where = barycentric(MODEL.correspondences.first[right], mesh.second.shape[:2], 8.0)
         moved = where.interpolate(mesh.second.reshape(-1, 2))
         errors.append(np.median(np.abs(moved - second[right])))

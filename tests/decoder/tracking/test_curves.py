@@ -4,9 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.tracking.curves import (
+    ALIKE_PX,
+    BENDING,
+    NEAR_PX,
+    SNAKE_RIDGE,
     ReceivedPoints,
-    RegistrationSettings,
-    SnakeSettings,
     _Smoothness,
     affine_terms,
     fit_snakes,
@@ -39,7 +41,7 @@ def test_shift_turn_and_temporal_offset_are_found() -> None:
     ]
     even = [(2 * first + second) / 3, (first + 2 * second) / 3]
     frames = [received(e + d, seed) for seed, (e, d) in enumerate(zip(even, truth, strict=True))]
-    found = register(first, second, np.array([1, 2]) / 3, frames, RegistrationSettings())
+    found = register(first, second, np.array([1, 2]) / 3, frames)
     error = np.linalg.norm(found - np.stack(truth), axis=2)
     assert np.quantile(error, 0.95) < 0.5
 
@@ -47,7 +49,7 @@ def test_shift_turn_and_temporal_offset_are_found() -> None:
 def test_without_points_nothing_deviates() -> None:
     first, second = scattered(20, 2)
     frames = [ReceivedPoints(np.empty((0, 2)))]
-    assert not register(first, second, np.array([0.5]), frames, RegistrationSettings()).any()
+    assert not register(first, second, np.array([0.5]), frames).any()
 
 
 def test_terms_are_bounded() -> None:
@@ -63,21 +65,21 @@ def test_a_corner_belongs_to_one_place() -> None:
     assert (chosen.tolist(), found.tolist(), distance.tolist()) == ([1], [0], [1.0])
 
 
-def normal_matrix(first: Floats, second: Floats, num_frames: int, settings: SnakeSettings) -> Floats:
+def normal_matrix(first: Floats, second: Floats, num_frames: int) -> Floats:
     """Write the smoothness out as a dense matrix (N T, N T): the plain twin."""
     count = len(first)
-    matrix = settings.ridge * np.eye(count * num_frames)
+    matrix = SNAKE_RIDGE * np.eye(count * num_frames)
     for i in range(count):
         for k in range(num_frames):
             row = np.zeros((count, num_frames))
             row[i, k] = 2.0
             row[i, [j for j in (k - 1, k + 1) if 0 <= j < num_frames]] = -1.0
-            matrix += settings.bending * np.outer(row, row)
+            matrix += BENDING * np.outer(row, row)
     around = delaunay_neighbours(0.5 * (first + second))
     for a, b in {(min(pair), max(pair)) for pair in zip(around.point, around.neighbour, strict=True)}:
         apart = np.sum((0.5 * (first[a] + second[a] - first[b] - second[b])) ** 2)
         unlike = np.sum((second[a] - first[a] - second[b] + first[b]) ** 2)
-        weight = settings.coupling / (1 + apart / settings.near_px**2) / (1 + unlike / settings.alike_px**2)
+        weight = 1 / (1 + apart / NEAR_PX**2) / (1 + unlike / ALIKE_PX**2)
         for k in range(num_frames):
             row = np.zeros((count, num_frames))
             row[a, k], row[b, k] = 1.0, -1.0
@@ -89,11 +91,10 @@ def test_conjugate_gradients_solve_the_normal_equations() -> None:
     rng = np.random.default_rng(1)
     first = rng.uniform(0, 100, (12, 2))
     second = first + rng.uniform(-8, 8, (12, 2))
-    settings = SnakeSettings()
     weight = rng.random((12, 5)) * (rng.random((12, 5)) < 0.6)
     right = weight[..., None] * rng.uniform(-3, 3, (12, 5, 2))
-    found = _Smoothness(first, second, 5, settings).solve(weight, right, np.zeros((12, 5, 2)))
-    matrix = normal_matrix(first, second, 5, settings) + np.diag(weight.ravel())
+    found = _Smoothness(first, second, 5).solve(weight, right, np.zeros((12, 5, 2)))
+    matrix = normal_matrix(first, second, 5) + np.diag(weight.ravel())
     expected = np.linalg.solve(matrix, right.reshape(-1, 2)).reshape(12, 5, 2)
     np.testing.assert_allclose(found, expected, atol=1e-3)
 
@@ -105,7 +106,7 @@ def test_neighbours_carry_what_is_not_seen() -> None:
     shift = np.array([1.5, -1.0])
     seen = np.delete(first, 12, axis=0) + shift
     frames = [ReceivedPoints(seen)] * 3
-    snakes = fit_snakes(first, first, expected, frames, SnakeSettings())
+    snakes = fit_snakes(first, first, expected, frames)
     np.testing.assert_allclose(snakes.positions[12, 1] - first[12], shift, atol=0.3)
     assert np.isnan(snakes.received[12]).all()
     assert np.isfinite(np.delete(snakes.received, 12, axis=0)).all()
@@ -114,5 +115,5 @@ def test_neighbours_carry_what_is_not_seen() -> None:
 def test_points_far_away_do_not_pull() -> None:
     first = np.array([[20.0, 20.0], [60.0, 20.0], [40.0, 50.0], [70.0, 70.0]])
     expected = np.repeat(first[:, None], 2, axis=1)
-    snakes = fit_snakes(first, first, expected, [ReceivedPoints(first + 9.0)] * 2, SnakeSettings())
+    snakes = fit_snakes(first, first, expected, [ReceivedPoints(first + 9.0)] * 2)
     np.testing.assert_array_equal(snakes.positions, expected)

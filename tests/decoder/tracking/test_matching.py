@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from decoder.tracking.matching import TrackingSettings, choose_paired_corners, match_points, strongest_nearby
+from decoder.tracking.matching import choose_paired_corners, match_points, strongest_nearby
 from dvc.corners import corner_response
 from dvc.tracks import FeaturePoints
 from sfm.scene_model import Correspondences, Reconstruction
@@ -140,7 +140,7 @@ def test_few_correspondences_do_no_harm() -> None:
     matches = clip.reconstruction.stages["matching"]
     for chosen in (np.arange(0), np.arange(1), np.arange(2), np.arange(5), np.arange(15)):
         few = Reconstruction(None, "", "none", {"matching": matches[chosen]})
-        tracks = match_points(few, clip.first, clip.second, clip.points, TrackingSettings())
+        tracks = match_points(few, clip.first, clip.second, clip.points)
         assert len(tracks) <= len(chosen)
     assert len(match_points(Reconstruction(None, "", "none"), clip.first, clip.second, clip.points)) == 0
 

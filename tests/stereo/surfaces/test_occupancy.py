@@ -14,7 +14,6 @@ from dvc.stereo.surfaces.occupancy import (
     UNDEFINED_SHARE,
     Comparison,
     Occupancy,
-    Regions,
     agreement,
     gains,
     neighbours,
@@ -215,9 +214,9 @@ def squared_cost(
 ) -> NDArray[np.float32]:
     """Return the cost of single pixels of the first camera."""
     nothing = np.zeros(array.shape, np.int64)
-    regions = Regions((), (), nothing, Band(nothing, FOUR.num_labels))
+    band = Band(nothing, FOUR.num_labels)
     comparison = Comparison(array, FOUR, COSTS["squared"], smaller_of_opposite=smaller)
-    return photometric_cost(comparison, 0, neighbours(array, 0), regions, occupancy, rows)
+    return photometric_cost(comparison, 0, neighbours(array, 0), (), (), nothing, band, occupancy, rows)
 
 
 def filled(error: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -301,8 +300,8 @@ def test_regions_of_every_window_count_alike(rng: np.random.Generator) -> None:
 
     def _cost(*chosen: int) -> NDArray[np.float32]:
         some = [arms[k] for k in chosen], [windows[k] for k in chosen]
-        regions = Regions(*some, nothing, Band(nothing, FOUR.num_labels))
-        return photometric_cost(comparison, 0, near, regions, None, everything)
+        band = Band(nothing, FOUR.num_labels)
+        return photometric_cost(comparison, 0, near, *some, nothing, band, None, everything)
 
     both, first, second = (_cost(*chosen)[:, 15:] for chosen in ((0, 1), (0,), (1,)))
     np.testing.assert_allclose(both, 0.5 * (first + second), atol=1e-5)
@@ -320,9 +319,7 @@ def test_band_follows_the_surface(rng: np.random.Generator) -> None:
     comparison, near = Comparison(array, labels, COSTS["census"]), neighbours(array, 0)
     bands = Band(np.zeros(shape, np.int64), labels.num_labels), Band(base - 2, 5)
     whole, part = (
-        photometric_cost(
-            comparison, 0, near, Regions([arms], [window], base, band), occupancy, slice(0, shape[0])
-        )
+        photometric_cost(comparison, 0, near, [arms], [window], base, band, occupancy, slice(0, shape[0]))
         for band in bands
     )
     np.testing.assert_allclose(part, volumes.banded(whole, base - 2, 5, np.nan), atol=2e-4)
