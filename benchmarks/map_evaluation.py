@@ -1,13 +1,21 @@
 """Evaluation of maps: new views rendered from frames with depth, and errors of trajectories."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from dvc.arrays import Bytes, Floats
-from dvc.geometry.view_synthesis import PictureWithDepth, SynthesisedView, synthesise
+from dvc.geometry.view_synthesis import (
+    FALLBACK_WEIGHT,
+    SAME_SURFACE_PX,
+    PictureWithDepth,
+    SynthesisedView,
+    drawn_depth,
+    synthesise,
+)
 from dvc.geometry.viewpoints import CalibratedViewpoint, calibrated_warp
+from dvc.geometry.warping import EMPTY, inverse_warp, warp_grid
 from sfm.mapping.scene_map import MapPiece
 
 NUM_SOURCES = 4
@@ -80,4 +88,21 @@ def render_view(
         inverse = np.where(np.isfinite(depth), 1.0 / depth, 0.0)  # unknown depth is mostly sky
         warp = calibrated_warp(CalibratedViewpoint(piece.intrinsics, piece.poses[frame]), target)
         sources.append(PictureWithDepth(pictures[frame], inverse, warp, weight=float(weight)))
-    return synthesise(sources, piece.depths[chosen[0]].shape, agreed=True)
+    shape = piece.depths[chosen[0]].shape
+    return synthesise(sources, shape, agreed_surface(sources, [drawn_depth(one, shape) for one in sources]))
+
+
+def agreed_surface(sources: Sequence[PictureWithDepth], drawn: Sequence[Floats]) -> Floats:
+    """Choose the depth with the largest weight of agreeing sources: a wrong one covers nothing."""
+    backs = [inverse_warp(source.warp) for source in sources]
+    chosen, most = np.full(drawn[0].shape, EMPTY), np.zeros(drawn[0].shape)
+    for depth in drawn:
+        votes = np.zeros(depth.shape)
+        for source, back, other in zip(sources, backs, drawn, strict=True):
+            both = (depth > EMPTY) & (other > EMPTY)
+            first, second = (warp_grid(back, np.where(both, plane, 0.0)) for plane in (depth, other))
+            same = np.hypot(*(first - second)[..., :2].transpose(2, 0, 1)) <= SAME_SURFACE_PX
+            votes += np.where(both & same, max(source.weight, FALLBACK_WEIGHT), 0.0)
+        better = (votes > most) | ((votes == most) & (depth > chosen))
+        chosen, most = np.where(better, depth, chosen), np.where(better, votes, most)
+    return chosen

@@ -27,8 +27,8 @@ from dvc.dibr.disparity.integer_transforms import (
     level_shapes,
     spread,
 )
-from dvc.dibr.disparity.square_codecs import Quadtree, bits_of_label, prune, square_sums
-from dvc.dibr.disparity.tree_codec import TreeCodec
+from dvc.dibr.disparity.square_codecs import Quadtree, prune, square_sums
+from dvc.dibr.disparity.tree_codec import WaveletCodec
 from dvc.dibr.disparity.tree_optimisation import LevelCosts, optimise_tree
 from dvc.entropy import RangeCoder, context_counts
 from dvc.entropy.binarisation import MAX_DECISIONS, NUM_EXPONENTS
@@ -135,7 +135,7 @@ def significant_places(tree: WaveletTree, significance: Sequence[Classes]) -> li
 
 
 @dataclass(frozen=True)
-class LaplacianCodec(TreeCodec):
+class LaplacianCodec(WaveletCodec):
     """Finds, writes and reads trees as the thesis does it."""
 
     def _best(
@@ -183,13 +183,13 @@ class FixedQuadtreeCodec(DisparityCodec):
         sums = square_sums(tensor)
         split_bits = np.full((len(sums), 2), SPLIT_BITS)
         split_bits[0] = 0.0
-        label_bits = np.full(tensor.shape[2], float(bits_of_label(tensor.shape[2])))
+        label_bits = np.full(tensor.shape[2], float((tensor.shape[2] - 1).bit_length()))
         return prune(sums, multiplier * label_bits, multiplier * split_bits)
 
     def _write(self, representation: Quadtree, known: Known) -> bytes:
         """Write squares of one size after the other: which are split, and the labels of the others."""
         tree, parts = representation, []
-        digits = np.arange(bits_of_label(tree.num_labels))[::-1]
+        digits = np.arange((tree.num_labels - 1).bit_length())[::-1]
         alive: NDArray[Any] = np.ones(tree.splits[-1].shape if tree.splits else tree.labels.shape, np.bool_)
         for level in reversed(range(len(tree.splits) + 1)):
             split = tree.splits[level - 1] if level else np.zeros(alive.shape, np.bool_)
@@ -203,7 +203,7 @@ class FixedQuadtreeCodec(DisparityCodec):
     def _read(self, payload: bytes, shape: tuple[int, int], num_labels: int, known: Known) -> Quadtree:
         bits, place = np.unpackbits(np.frombuffer(payload, np.uint8)), 0
         shapes = level_shapes(shape)
-        width = bits_of_label(num_labels)
+        width = (num_labels - 1).bit_length()
         weights = 1 << np.arange(width)[::-1]
         alive: NDArray[Any] = np.ones(shapes[-1], np.bool_)
         labels, splits = np.zeros(shapes[-1], np.int32), []

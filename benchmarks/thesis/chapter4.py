@@ -150,7 +150,7 @@ def high_bands(depth: Plane, edges: EdgeMaps | None = None) -> HighBands:
     step, canvas = ENTROPY_STEP * float(np.ptp(depth)), np.zeros(depth.shape)
     bits, num_nonzero, num_high = 0.0, 0, 0
     for details in pyramid.details:
-        for band in details.bands:
+        for band in details:
             quantised = np.fix(band / step).astype(np.int64)
             _, counts = np.unique(quantised, return_counts=True)
             bits -= float(np.sum(counts * np.log2(counts / band.size)))

@@ -15,7 +15,7 @@ from decoder.side_information.protocol import Interpolation
 from decoder.side_information.synthesis import render_between
 from dvc.arrays import Bytes, Floats, Integers, Mask
 from dvc.geometry.cameras import homogeneous
-from dvc.geometry.continuation import DepthMap, Visibility
+from dvc.geometry.continuation import CONSISTENT, DepthMap
 from dvc.geometry.depth_maps import DepthView, Known
 from dvc.geometry.rendering import fill_holes, render_grid
 from dvc.geometry.triangulation import inverse_depths
@@ -126,7 +126,7 @@ class MeshInterpolator:
         in_first, _ = mesh_depth(mesh, first.shape)
         vertices = warp_grid(warp, mesh.inverse_depth, -mesh.cell_px, mesh.cell_px)
         in_second = render_grid(vertices, second.shape)
-        visibility = np.full(first.shape, Visibility.CONSISTENT, np.int8)
+        visibility = np.full(first.shape, CONSISTENT, np.int8)
         whole = np.zeros((first.shape[0] - 1, first.shape[1] - 1), dtype=bool)  # one piece
         self.views = (
             DepthView(first, model.first_camera, DepthMap(in_first, visibility), whole, warp),

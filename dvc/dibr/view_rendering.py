@@ -84,16 +84,13 @@ def render_pairs(
     weights = [near / (reach + near) for reach in distances]
     if blend is Blend.NEAREST:
         weights = [float(index == int(np.argmin(distances))) for index in range(len(distances))]
-    sources = [
-        PictureWithDepth(
+    sources = []
+    for pair, weight in zip(pairs, weights, strict=True):
+        image, warp = (
             pair.picture.reshape(*pair.picture.shape[:2], -1),
-            pair.disparity,
             warp_between(pair.viewpoint, viewpoint),
-            step,
-            weight,
         )
-        for pair, weight in zip(pairs, weights, strict=True)
-    ]
+        sources.append(PictureWithDepth(image, pair.disparity, warp, step, weight))
     height, width = pairs[0].picture.shape[:2]
     return synthesise(sources, (height, width))
 

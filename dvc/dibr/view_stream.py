@@ -97,8 +97,14 @@ def encode_header(header: Header) -> bytes:
     flags = _CALIBRATED * is_calibrated | CODEC_NUMBERS[header.method] << _METHOD_SHIFT
     sizes = header.num_layers, len(header.references), len(header.viewpoints)
     fixed = _FIXED.pack(flags, width, height, *header.labels, *sizes)
-    views = b"".join(_encode_viewpoint(viewpoint) for viewpoint in header.viewpoints)
-    data = MAGIC + bytes([Body.VIEWS]) + fixed + bytes(header.references) + views
+    data = MAGIC + bytes([Body.VIEWS]) + fixed + bytes(header.references)
+    for viewpoint in header.viewpoints:
+        if isinstance(viewpoint, LatticePosition):
+            data += _POSITION.pack(*viewpoint)
+        else:
+            intrinsic, pose = viewpoint.intrinsic, viewpoint.pose
+            rotation = np.asarray(cv2.Rodrigues(pose[:, :3])[0])
+            data += _CAMERA.pack(*intrinsic[0], *intrinsic[1, 1:], *rotation[:, 0], *pose[:, 3])
     return data + dibr_streams.checksum(data)
 
 
@@ -123,14 +129,6 @@ def decode_header(data: bytes) -> tuple[Header, int]:
     if max(references) >= num_views:
         raise BitstreamError("the header of the stream names a reference that is not among its views")
     return header, reader.position
-
-
-def _encode_viewpoint(viewpoint: Viewpoint) -> bytes:
-    if isinstance(viewpoint, LatticePosition):
-        return _POSITION.pack(*viewpoint)
-    intrinsic, pose = viewpoint.intrinsic, viewpoint.pose
-    rotation = np.asarray(cv2.Rodrigues(pose[:, :3])[0])
-    return _CAMERA.pack(*intrinsic[0], *intrinsic[1, 1:], *rotation[:, 0], *pose[:, 3])
 
 
 def _decode_viewpoint(numbers: tuple[float, ...]) -> Viewpoint:

@@ -40,8 +40,7 @@ class DisparityLabels(NamedTuple):
     def label(self, disparity: NDArray[np.floating]) -> Integers:
         """Return the nearest label of each disparity."""
         nearest = np.floor((disparity.astype(np.float64) - self.lowest) / self.step + 0.5)
-        label: Integers = np.clip(nearest, 0, self.num_labels - 1).astype(np.int64)
-        return label
+        return np.asarray(np.clip(nearest, 0, self.num_labels - 1), np.int64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,13 +56,11 @@ class PixelFrame:
 
     def to_normalized(self, points: Floats) -> Floats:
         """Convert points from pixels."""
-        normalized: Floats = (points - self._centre) / self.scale_px
-        return normalized
+        return np.asarray((points - self._centre) / self.scale_px)
 
     def to_pixels(self, points: Floats) -> Floats:
         """Convert points to pixels; inverse of `to_normalized`."""
-        pixels: Floats = points * self.scale_px + self._centre
-        return pixels
+        return np.asarray(points * self.scale_px + self._centre)
 
     @property
     def _centre(self) -> Floats:

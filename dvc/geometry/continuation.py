@@ -1,7 +1,6 @@
 """Continuation of reliable surfaces over the rest of a view: of planes, across as few edges as possible."""
 # mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 
-import enum
 from typing import NamedTuple
 
 import cv2
@@ -13,19 +12,11 @@ from dvc.arrays import Floats, Mask
 from dvc.geometry.warping import warp_point
 
 CONSISTENT, OUTSIDE, OCCLUDED = range(3)
-"""Values of `Visibility` for compiled code."""
+"""Visibility of points in another view: both depth maps agree; outside its frame; hidden, or wrong."""
 EDGE_LEVELS = 15.0
 """Step in luma that halves the weight of surfaces behind it: well above the noise of a decoded frame."""
 CONTINUED_QUANTILE = 0.5
 """Quantile of the continued inverse depths, 0 for the farthest: wrong ones come from either side."""
-
-
-class Visibility(enum.IntEnum):
-    """Visibility of a point in another view."""
-
-    CONSISTENT = CONSISTENT  # both depth maps agree on the point
-    OUTSIDE = OUTSIDE  # the point lies outside its frame
-    OCCLUDED = OCCLUDED  # the other view shows something else there, or one of both depths is wrong
 
 
 class Slopes(NamedTuple):
@@ -41,7 +32,7 @@ class DepthMap(NamedTuple):
     """Depth of a view."""
 
     inverse_depth: Floats  # inverse depth of every pixel
-    visibility: NDArray[np.int8]  # a `Visibility` of every pixel in the other view
+    visibility: NDArray[np.int8]  # of every pixel in the other view
 
     @property
     def reliable(self) -> Mask:
@@ -74,7 +65,7 @@ def continue_surfaces(
     window = slopes.radius_px, slopes.spacing_px, slopes.limit
     measured = _local_slopes(own.inverse_depth, reliable, rim, *window)
     view = OtherView(*warps, *other, slack_px)
-    return fill_depth(*own, luma, measured, slopes.reach_px, CONTINUED_QUANTILE, view)
+    return np.asarray(fill_depth(*own, luma, measured, slopes.reach_px, CONTINUED_QUANTILE, view))
 
 
 @kernel
@@ -116,15 +107,7 @@ def _local_slopes(depth, reliable, chosen, radius, spacing, limit):
 
 
 @kernel
-def fill_depth(
-    depth: Floats,
-    visibility: NDArray[np.int8],
-    image: Floats,
-    slopes: Floats,
-    reach: float,
-    quantile: float,
-    other: OtherView,
-) -> Floats:
+def fill_depth(depth, visibility, image, slopes, reach, quantile, other):
     """Continue the planes of reliable points in eight directions over the other points."""
     values, weights, filled = np.empty(8), np.empty(8), depth.copy()
     steps = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))

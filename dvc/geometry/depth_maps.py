@@ -22,7 +22,6 @@ from dvc.geometry.continuation import (
     DepthMap,
     OtherView,
     Slopes,
-    Visibility,
     continue_surfaces,
     is_transparent,
 )
@@ -115,7 +114,7 @@ def checked_depth(
     depth, confidence = estimate
     back = inverse_warp(there) if back is None else back
     visibility = _check_consistency(depth, other, there, back, AGREEMENT_PX)
-    visibility[(visibility == Visibility.CONSISTENT) & (confidence < MIN_CONFIDENCE)] = Visibility.OCCLUDED
+    visibility[(visibility == CONSISTENT) & (confidence < MIN_CONFIDENCE)] = OCCLUDED
     return without_speckles(DepthMap(depth, visibility))
 
 
@@ -130,9 +129,9 @@ def without_speckles(depth: DepthMap) -> DepthMap:
     visibility, inverse = depth.visibility.copy(), depth.inverse_depth
     span = float(np.ptp(inverse)) + 1e-300
     levels = ((inverse - inverse.min()) / span * 30000.0).astype(np.int16)
-    levels[visibility != Visibility.CONSISTENT] = -1
+    levels[visibility != CONSISTENT] = -1
     cv2.filterSpeckles(levels, -1, MIN_REGION_PX, 600)
-    visibility[(levels == -1) & (visibility == Visibility.CONSISTENT)] = Visibility.OCCLUDED
+    visibility[(levels == -1) & (visibility == CONSISTENT)] = OCCLUDED
     return DepthMap(inverse, visibility)
 
 
@@ -147,10 +146,10 @@ def _with_points(checked: DepthMap, known: KnownDepth | None) -> DepthMap:
     at_points = np.full(depth.shape, np.nan)
     at_points[row, column] = known.inverse_depth
     distance, nearest = distance_transform_edt(np.isnan(at_points), return_indices=True)
-    replaced = (visibility != Visibility.CONSISTENT) & (distance <= TRACK_RADIUS_PX)
+    replaced = (visibility != CONSISTENT) & (distance <= TRACK_RADIUS_PX)
     return DepthMap(
         np.where(replaced, at_points[nearest[0], nearest[1]], depth),
-        np.where(replaced, np.int8(Visibility.CONSISTENT), visibility),
+        np.where(replaced, np.int8(CONSISTENT), visibility),
     )
 
 
@@ -237,7 +236,7 @@ def _aligned(luma: Luma, own: DepthMap, other: DepthMap, warps: Warps) -> DepthM
     jump = cv2.dilate(depth, around) - cv2.erode(depth, around) > 0.04 * span
     trust, chosen = np.where(reliable, 1.0, 0.3), jump | ~reliable
     view = OtherView(*warps, *other, AGREEMENT_PX)
-    aligned: Floats = _guided_median(depth, trust, luma, chosen, depth.min(), span / 255.0, view)
+    aligned = _guided_median(depth, trust, luma, chosen, depth.min(), span / 255.0, view)
     return DepthMap(aligned, own.visibility)
 
 

@@ -162,16 +162,13 @@ def offsets(labels: DisparityLabels, view: LatticePosition, other: LatticePositi
     return np.column_stack([(view.m - other.m) * disparity, (view.n - other.n) * disparity])
 
 
-class Phases(NamedTuple):
-    """Some rows of a view, interpolated at a few fractions of a pixel."""
+def phases(
+    other: ArrayView, position: LatticePosition, labels: DisparityLabels, rows: slice
+) -> tuple[Singles, Integers, slice]:
+    """Interpolate the rows of another view that are compared with some rows of a view at a position.
 
-    pictures: Singles
-    shifts: Integers  # for each label: index of the picture, columns and rows from the compared rows to it
-    rows: slice  # rows of the view in the pictures
-
-
-def phases(other: ArrayView, position: LatticePosition, labels: DisparityLabels, rows: slice) -> Phases:
-    """Interpolate the rows of another view that are compared with some rows of a view at a position."""
+    Return pictures by fraction of a pixel; index of the picture, columns and rows to it by label; its rows.
+    """
     steps = np.floor(offsets(labels, position, other.position) * PHASES_PER_PX + 0.5).astype(np.int64)
     whole, fraction = np.divmod(steps, PHASES_PER_PX)
     distinct, number = np.unique(fraction, axis=0, return_inverse=True)
@@ -183,7 +180,7 @@ def phases(other: ArrayView, position: LatticePosition, labels: DisparityLabels,
     for picture, step in zip(pictures, distinct, strict=True):
         picture[:] = _moved(image, *(step / PHASES_PER_PX))
     shifts = np.ascontiguousarray(np.column_stack([number.ravel(), whole[:, 0], down + rows.start - start]))
-    return Phases(pictures, shifts, slice(start, stop))
+    return pictures, shifts, slice(start, stop)
 
 
 def _moved(image: Singles, dx: float, dy: float) -> Singles:
@@ -202,8 +199,7 @@ def _moved(image: Singles, dx: float, dy: float) -> Singles:
         padded, length = np.pad(image, pad, mode="edge"), image.shape[axis]
         parts = [np.take(padded, range(k, k + length), axis) * taps[k] for k in range(4)]
         image = parts[0] + parts[1] + parts[2] + parts[3]
-    moved: Singles = np.clip(image, 0.0, 255.0)
-    return moved
+    return np.asarray(np.clip(image, 0.0, 255.0))
 
 
 COSTS = {name: MatchingCost(name) for name in ("census", "squared")}

@@ -179,11 +179,8 @@ def _matching_cost(base, other, warp, low, step, cost):
                 if offsets[k] < 0:
                     cost[y, x, k] = OUTSIDE_COST
                     continue
-                at, right, down = (
-                    np.uint64(offsets[k]),
-                    np.uint64(fractions[0, k]),
-                    np.uint64(fractions[1, k]),
-                )
+                at = np.uint64(offsets[k])
+                right, down = np.uint64(fractions[0, k]), np.uint64(fractions[1, k])
                 left, up = np.uint64(STEPS) - right, np.uint64(STEPS) - down
                 upper = left * samples[at] + right * samples[at + np.uint64(1)]
                 lower = left * samples[at + line] + right * samples[at + line + np.uint64(1)]
@@ -237,8 +234,7 @@ def packed_features(luma: Luma) -> NDArray[np.uint64]:
     least = round(-255 * GRADIENT_WEIGHT)
     parts = level, horizontal - least, vertical - least
     words = [part.astype(np.uint64) << np.uint64(k) * LANE for k, part in enumerate(parts)]
-    packed: NDArray[np.uint64] = words[0] | words[1] | words[2]
-    return packed
+    return np.asarray(words[0] | words[1] | words[2])
 
 
 @kernel

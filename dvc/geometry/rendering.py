@@ -7,12 +7,11 @@ Depth maps are drawn in depth order, reliable parts first; pixels that nothing r
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc._jit import kernel
 from dvc.arrays import Floats, Mask
 from dvc.geometry.cameras import PixelFrame
-from dvc.geometry.continuation import CONSISTENT, DepthMap, OtherView, Visibility, fill_depth
+from dvc.geometry.continuation import CONSISTENT, OCCLUDED, OUTSIDE, DepthMap, OtherView, fill_depth
 from dvc.geometry.depth_maps import DepthView
 from dvc.geometry.warping import EMPTY, warp_grid, warp_matrix, warp_point
 
@@ -36,7 +35,7 @@ def render_depth(views: Sequence[DepthView], camera: Floats, frame: PixelFrame) 
         for buffer, chosen in ((reliable, ~doubtful), (rest, doubtful)):
             draw(view.depth.inverse_depth, warp, view.discontinuities, chosen, buffer)
     drawn = reliable > EMPTY
-    visibility = np.where(drawn, Visibility.CONSISTENT, Visibility.OCCLUDED).astype(np.int8)
+    visibility = np.where(drawn, CONSISTENT, OCCLUDED).astype(np.int8)
     return DepthMap(fill_holes(np.where(drawn, reliable, rest)), visibility)
 
 
@@ -118,10 +117,10 @@ def fill_holes(inverse_depth: Floats) -> Floats:
     if empty.all():
         return np.zeros_like(inverse_depth)
     filled = inverse_depth
-    outside = np.full(empty.shape, Visibility.OUTSIDE, np.int8)
+    outside = np.full(empty.shape, OUTSIDE, np.int8)
     # pixels that no ray reaches in eight directions are reached from filled ones
     while empty.any():
-        visibility = np.where(empty, Visibility.OUTSIDE, Visibility.CONSISTENT).astype(np.int8)
+        visibility = np.where(empty, OUTSIDE, CONSISTENT).astype(np.int8)
         even, slopes, no_warp = np.zeros(empty.shape), np.zeros((*empty.shape, 2)), np.zeros((3, 4))
         no_view = OtherView(no_warp, no_warp, filled, outside, 0.0)
         filled = fill_depth(filled, visibility, even, slopes, 0.0, 0.0, no_view)
@@ -131,13 +130,11 @@ def fill_holes(inverse_depth: Floats) -> Floats:
 
 def visibility_weights(view: DepthView, positions: Floats) -> Floats:
     """Return weights for how well a view sees points."""
-    return _visibility_weights(positions, view.depth.inverse_depth, view.depth.visibility, view.to_other)
+    return np.asarray(_visibility_weights(positions, *view.depth, view.to_other))
 
 
 @kernel
-def _visibility_weights(
-    positions: Floats, depth: Floats, visibility: NDArray[np.int8], back: Floats
-) -> Floats:
+def _visibility_weights(positions, depth, visibility, back):
     """Weigh points (x, y, inverse depth) by their visibility: 1, edge, occluded or outside."""
     height, width = depth.shape
     weights = np.empty(positions.shape[:2])

@@ -49,28 +49,12 @@ class SynthesisedView(NamedTuple):
     drawn: Mask  # pixels from a source; the rest is filled
 
 
-def _agreed_surface(sources: Sequence[PictureWithDepth], drawn: Sequence[Floats]) -> Floats:
-    """Choose the depth with the largest weight of agreeing sources: a wrong one covers nothing."""
-    backs = [inverse_warp(source.warp) for source in sources]
-    chosen, most = np.full(drawn[0].shape, EMPTY), np.zeros(drawn[0].shape)
-    for depth in drawn:
-        votes = np.zeros(depth.shape)
-        for source, back, other in zip(sources, backs, drawn, strict=True):
-            both = (depth > EMPTY) & (other > EMPTY)
-            first, second = (warp_grid(back, np.where(both, plane, 0.0)) for plane in (depth, other))
-            same = np.hypot(*(first - second)[..., :2].transpose(2, 0, 1)) <= SAME_SURFACE_PX
-            votes += np.where(both & same, max(source.weight, FALLBACK_WEIGHT), 0.0)
-        better = (votes > most) | ((votes == most) & (depth > chosen))
-        chosen, most = np.where(better, depth, chosen), np.where(better, votes, most)
-    return chosen
-
-
 def synthesise(
-    sources: Sequence[PictureWithDepth], shape: tuple[int, int], agreed: bool = False
+    sources: Sequence[PictureWithDepth], shape: tuple[int, int], surface: Floats | None = None
 ) -> SynthesisedView:
-    """Render the target view of some sources, at the nearest depth of all or at one that is agreed."""
+    """Render the target view of some sources, at the nearest depth of all or at that of a surface."""
     drawn = [drawn_depth(source, shape) for source in sources]
-    nearest = _agreed_surface(sources, drawn) if agreed else np.maximum.reduce(drawn)
+    nearest = np.maximum.reduce(drawn) if surface is None else surface
     total = np.zeros(shape)
     image = np.zeros((*shape, sources[0].image.shape[2]))
     for source, depth in zip(sources, drawn, strict=True):
@@ -118,14 +102,25 @@ def _spread(plane: Floats) -> Floats:
 
 def fill_from_background(image: Floats, inverse_depth: Floats, epipole: Floats) -> tuple[Floats, Floats]:
     """Fill the holes of a rendered picture from the background around them."""
+    from scipy.ndimage import distance_transform_edt
+
     holes = inverse_depth <= EMPTY
     if not holes.any():
         return image, inverse_depth
     if holes.all():
         return np.zeros_like(image), np.zeros_like(inverse_depth)
     far, near = _along_epipolar_lines(inverse_depth, np.ascontiguousarray(epipole))
+    rows, columns = distance_transform_edt(holes, return_distances=False, return_indices=True)
+    number, count = np.full(holes.shape, -1, np.int32), int(holes.sum())
+    number[holes] = np.arange(count, dtype=np.int32)
+    neighbours, diagonal = np.empty((count, 4), np.int32), np.empty(count)
+    levels = np.ascontiguousarray(image[rows[holes], columns[holes]].T)
+    right, limit = STIFFNESS * levels, 0.5 * (far + near)
+    _membrane_equations(number, inverse_depth, limit, image, neighbours, diagonal, right)
+    for channel, target in zip(levels, right, strict=True):
+        _solve_membrane(neighbours, diagonal, target, channel)
     filled = image.copy()
-    filled[holes] = _membrane(image, holes, inverse_depth, 0.5 * (far + near))
+    filled[holes] = levels.T
     return filled, fill_holes(far)
 
 
@@ -160,23 +155,6 @@ def _along_epipolar_lines(depth, epipole):
             if ends < 2:
                 near[y, x] = np.inf
     return far, near
-
-
-def _membrane(image: Floats, holes: Mask, depth: Floats, limit: Floats) -> Floats:
-    """Return levels (K, C) of the K pixels of holes; surfaces nearer than the limit do not bound them."""
-    from scipy.ndimage import distance_transform_edt
-
-    rows, columns = distance_transform_edt(holes, return_distances=False, return_indices=True)
-    number = np.full(holes.shape, -1, np.int32)
-    count = int(holes.sum())
-    number[holes] = np.arange(count, dtype=np.int32)
-    neighbours, diagonal = np.empty((count, 4), np.int32), np.empty(count)
-    levels = np.ascontiguousarray(image[rows[holes], columns[holes]].T)
-    right = STIFFNESS * levels
-    _membrane_equations(number, depth, limit, image, neighbours, diagonal, right)
-    for channel, target in zip(levels, right, strict=True):
-        _solve_membrane(neighbours, diagonal, target, channel)
-    return levels.T
 
 
 @kernel

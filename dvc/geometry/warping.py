@@ -32,8 +32,7 @@ def warp_matrix(source: Floats, target: Floats, frame: PixelFrame) -> Floats:
         raise ValueError("`source` has its centre at infinity")
     to_pixels = frame.pixel_from_normalized
     basis = np.vstack([to_pixels @ oriented(source), [0.0, 0.0, 0.0, 1.0]])
-    matrix: Floats = np.ascontiguousarray(to_pixels @ oriented(target) @ np.linalg.inv(basis))
-    return matrix
+    return np.ascontiguousarray(to_pixels @ oriented(target) @ np.linalg.inv(basis))
 
 
 def inverse_warp(warp: Floats) -> Floats:

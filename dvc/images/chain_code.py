@@ -5,6 +5,7 @@ By code words, a chain is its first vertex, direction and length, and a word for
 contexts of the last steps and straight runs: end, straight on, side of the turn; not onto coded edges. If
 edges bound a mask, a code of the regions inside follows.
 """
+# mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -16,12 +17,11 @@ from numpy.typing import NDArray
 from dvc._jit import kernel
 from dvc.entropy import RangeCoder, code_exp_golomb, context_counts
 from dvc.entropy.binarisation import MAX_DECISIONS, NUM_EXPONENTS
-from dvc.entropy.mixing import Mixture, code_mixed, new_mixture
-from dvc.entropy.range_coder import CoderState, code_decision
+from dvc.entropy.mixing import code_mixed, new_mixture
+from dvc.entropy.range_coder import code_decision
 from dvc.errors import BitstreamError, ConfigError
 from dvc.images.edge_maps import (
     EdgeMaps,
-    Flags,
     Mask,
     code_mask,
     degree,
@@ -36,9 +36,6 @@ _LENGTH_BITS = 24
 _CHAINS_PER_BYTE, _FREE_CHAINS = 4, 64  # a chain has two bits at least, and zeros at the end are not written
 _SIGN, _ZERO, _EXPONENTS = 0, 1, 2
 _NUM_COUNTS = 2 + 2 * NUM_EXPONENTS
-
-Integers = NDArray[np.int64]
-Directions = NDArray[np.int8]
 
 NUM_HISTORIES = 3**6
 MAX_RUN = 11
@@ -194,16 +191,10 @@ def _code_adaptive(coder: RangeCoder, chains: Chains, most: int) -> EdgeMaps:
             raise BitstreamError("the edges are damaged")
         before = start
         room[offset] = coder.uniform(4, int(room[offset]))
-        length = code_chain(
-            coder.room_for(3 * int(chains.lengths[k]) + 3 if given else 0),
-            mixture,
-            edges.between_rows,
-            edges.between_columns,
-            row,
-            column,
-            room[offset:],
-            int(chains.lengths[k]) if given else 0,
-        )
+        length = int(chains.lengths[k]) if given else 0
+        state = coder.room_for(3 * length + 3 if given else 0)
+        maps = edges.between_rows, edges.between_columns
+        length = code_chain(state, mixture, *maps, row, column, room[offset:], length)
         coder.check()
         if length < 0:
             raise BitstreamError("an edge leaves the picture")
@@ -224,12 +215,12 @@ _CODES = {EdgeCode.FIXED: _code_fixed, EdgeCode.ADAPTIVE: _code_adaptive}
 
 
 @kernel
-def follow(below: Flags, right: Flags, row: int, column: int, directions: Directions, count: int) -> Any:
+def follow(below, right, row, column, directions, count):
     """Follow a chain from a vertex to its end, straight if possible, and erase it; return the count."""
-    last: Any = np.int64(-1)
+    last = np.int64(-1)
     turn = 0
     while True:
-        chosen: Any = np.int64(-1)
+        chosen = np.int64(-1)
         if last < 0:
             for direction in range(4):
                 if chosen < 0 and has_element(below, right, row, column, direction):
@@ -254,13 +245,11 @@ def follow(below: Flags, right: Flags, row: int, column: int, directions: Direct
 
 
 @kernel
-def trace_edges(
-    below: Flags, right: Flags, starts: Integers, lengths: Integers, directions: Directions
-) -> Any:
+def trace_edges(below, right, starts, lengths, directions):
     """Decompose edges, which are erased, into as few chains as possible; return their number."""
     height, width = below.shape
     chains = 0
-    count: Any = np.int64(0)
+    count = np.int64(0)
     for closed in range(2):
         for row in range(height + 1):
             for column in range(width + 1):
@@ -277,10 +266,10 @@ def trace_edges(
 
 
 @kernel
-def draw_chain(below: Flags, right: Flags, row: int, column: int, directions: Directions) -> Any:
+def draw_chain(below, right, row, column, directions):
     """Set the edges of a chain; return whether it stays inside."""
     for k in range(len(directions)):
-        direction: Any = np.int64(directions[k])
+        direction = np.int64(directions[k])
         if not is_inside(below, row, column, direction):
             return False
         set_element(below, right, row, column, direction, _ON)
@@ -289,15 +278,13 @@ def draw_chain(below: Flags, right: Flags, row: int, column: int, directions: Di
 
 
 @kernel
-def _is_open(below: Flags, right: Flags, row: int, column: int, direction: int) -> Any:
+def _is_open(below, right, row, column, direction):
     """Return whether a new edge can lead from a vertex in a direction."""
     return is_inside(below, row, column, direction) and not has_element(below, right, row, column, direction)
 
 
 @kernel
-def _code_step(
-    coder: CoderState, mixture: Mixture, kind: int, seen: int, runs: int, run: int, decision: int
-) -> Any:
+def _code_step(coder, mixture, kind, seen, runs, run, decision):
     """Code a decision in contexts of a few last steps, of more of them, and of the last runs."""
     base = kind * _SIZES
     second, third = base + 81 + seen, base + 81 + NUM_HISTORIES + runs
@@ -305,22 +292,13 @@ def _code_step(
 
 
 @kernel
-def code_chain(
-    coder: CoderState,
-    mixture: Mixture,
-    below: Flags,
-    right: Flags,
-    row: int,
-    column: int,
-    directions: Directions,
-    length: int,
-) -> Any:
+def code_chain(coder, mixture, below, right, row, column, directions, length):
     """Code the directions of a chain after the first one, and draw all; return its length."""
-    last: Any = np.int64(directions[0])
+    last = np.int64(directions[0])
     if not _is_open(below, right, row, column, last):
         return -1
     history = NUM_HISTORIES // 2
-    zero: Any = np.int64(0)
+    zero = np.int64(0)
     run, run_before, same, turn = zero, zero, zero, zero
     count = 1
     while True:
@@ -341,12 +319,12 @@ def code_chain(
         second, third = base + 2 + touched * 3 + seen % 3, base + 8 + touched * 12 + run
         if code_mixed(coder, mixture, base + touched, second, third, touched, int(count == length)):
             return count
-        target: Any = (np.int64(directions[count]) - last + 1) % 4 - 1 if count < length else 0
+        target = (np.int64(directions[count]) - last + 1) % 4 - 1 if count < length else 0
         # among the possible steps: 0 straight, 1 to the left, -1 to the right
         is_straight = straight and not (left or after)
         if straight and not is_straight:
             is_straight = bool(_code_step(coder, mixture, STRAIGHT, seen, runs, run, int(target == 0)))
-        step: Any = np.int64(0)
+        step = np.int64(0)
         if not is_straight:
             step = 1 if left else -1
             if left and after:
@@ -364,11 +342,11 @@ def code_chain(
 
 
 @kernel
-def code_words(coder: CoderState, directions: Directions) -> None:
+def code_words(coder, directions):
     """Write or read the differential directions of a chain (4.6), (4.7) by the words 10, 0, 11."""
     for k in range(1, len(directions)):
         last = np.int64(directions[k - 1])
-        step: Any = (np.int64(directions[k]) - last + 1) % 4 - 1
+        step = (np.int64(directions[k]) - last + 1) % 4 - 1
         if code_decision(coder, 0.5, int(step != 0)):
             step = 1 if code_decision(coder, 0.5, int(step > 0)) else -1
         else:

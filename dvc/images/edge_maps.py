@@ -5,10 +5,11 @@ Vertex (row, column) of the dual lattice is the upper left corner of that sample
 separate is inside or outside. Edges never separate samples outside, so a region that begins below or to the
 right of one outside is inside, and nothing is coded for it.
 """
+# mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import cv2
 import numpy as np
@@ -17,7 +18,6 @@ from numpy.typing import NDArray
 from dvc._jit import kernel
 from dvc.entropy import RangeCoder, context_counts
 from dvc.entropy.mixing import code_adaptive
-from dvc.entropy.range_coder import CoderState
 
 Flags = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
@@ -114,8 +114,7 @@ def degree(below: Flags, right: Flags, row: int, column: int) -> int:
     """Return the number of edges that meet at a vertex."""
     number = 0
     for direction in range(4):
-        if has_element(below, right, row, column, direction):
-            number += 1
+        number += int(has_element(below, right, row, column, direction))
     return number
 
 
@@ -165,13 +164,7 @@ def code_mask(coder: RangeCoder, edges: EdgeMaps, mask: Mask | None = None) -> M
 
 
 @kernel
-def _code_regions(
-    coder: CoderState,
-    counts: NDArray[np.int64],
-    regions: NDArray[np.int32],
-    first: NDArray[np.int64],
-    inside: Flags,
-) -> None:
+def _code_regions(coder, counts, regions, first, inside):
     """Write or read which regions are inside, in turn; next to one outside nothing is coded."""
     width = regions.shape[1]
     for k in range(len(first)):
@@ -181,5 +174,5 @@ def _code_regions(
         if beside_outside:
             inside[k] = 1
         else:
-            is_inside: Any = np.int64(inside[k])
+            is_inside = np.int64(inside[k])
             inside[k] = code_adaptive(coder, counts, min(k, 1), is_inside)

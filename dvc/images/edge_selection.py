@@ -4,10 +4,10 @@ A contour is selected if it reduces the cost of coefficients, their squared erro
 its own bits are worth. Candidates are cut into short pieces at junctions, and each piece is removed or added
 again by the change of cost in a transform of its surroundings, until nothing changes.
 """
+# mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -16,36 +16,27 @@ from numpy.typing import NDArray
 from dvc._jit import kernel
 from dvc.errors import DvcError
 from dvc.images.chain_code import Chains, draw, trace
-from dvc.images.edge_maps import DOWN, RIGHT, EdgeMaps, Flags, Mask, coarser, degree, next_vertex, set_element
+from dvc.images.edge_maps import DOWN, RIGHT, EdgeMaps, Mask, coarser, degree, next_vertex, set_element
 from dvc.images.lifting import FORWARD, WAVELETS, Plane, Wavelet, lift_columns
 from dvc.picture_files import read_levels, write_png
 
 CANNY_THRESHOLDS = 40.0, 100.0
 """Weaker and stronger threshold of the detector, for maps stretched to levels from 0 to 255."""
-
 SHORTEST_CHAIN = 8
 """Edge elements of the shortest chain that Canny's detector keeps."""
-
 _JUMP = 0.02
-
 RIGHT_LEVEL, BELOW_LEVEL = 85, 170
 """Levels of a sample that is cut off from that to its right, and from that below it; both: their sum."""
-
 CANDIDATE_STEPS = 0.5
 """Least difference of neighbours with a candidate edge, in steps."""
-
 MULTIPLIER = 0.2
 """Squared steps that a bit is worth."""
-
 SIGNIFICANCE_BITS, BITS_PER_OCTAVE = 6.0, 1.5
 """Bits of a coefficient of one step, with position and sign; further bits for each octave above it."""
-
 ELEMENT_BITS, CHAIN_BITS = 1.4, 11.0
 """Bits of an edge, and of the start and the end of a chain."""
-
 PIECE_AREA, FEW_PIECES = 32, 2000
 """Pixels to a piece of candidates, beyond a few: more of them are noise, and take long."""
-
 _PIECE_LENGTH = 32
 _STEPS = np.array([[0, 1], [-1, 0], [0, -1], [1, 0]])  # rows and columns, by direction
 _NUM_LEVELS, _MARGIN, _MAX_PASSES = 4, 16, 3
@@ -53,14 +44,11 @@ _LADDER_RATIO = 2.0**-0.5
 _FINEST = 1 / 512
 MOST_RUNGS = 19
 """Steps of a ladder from the finest to the extent of a map."""
-
 ROUNDED = 1.0 / 12.0
 """Squared error of a significant coefficient, in squared steps."""
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-LiftingWeights = tuple[Floats, float, float, float]
-"""Weights and gain of a wavelet, and the scales of the low and the high band."""
 
 
 def edges_of_jumps(depth: Plane, least: float) -> EdgeMaps:
@@ -176,7 +164,7 @@ def _pieces(chains: Chains, edges: EdgeMaps) -> tuple[Integers, Integers]:
 
 
 @kernel
-def coefficient_cost(magnitude: float) -> Any:
+def coefficient_cost(magnitude):
     """Return the cost of a coefficient, in steps and squared steps: its energy, or error and bits if less."""
     energy = magnitude * magnitude
     if magnitude < 0.5:
@@ -186,15 +174,8 @@ def coefficient_cost(magnitude: float) -> Any:
 
 
 @kernel
-def transform_cost(
-    plane: Plane,
-    below: Flags,
-    right: Flags,
-    num_levels: int,
-    wavelet: LiftingWeights,
-    order: int,
-) -> Any:
-    """Return the cost of the details of a plane in squared steps."""
+def transform_cost(plane, below, right, num_levels, wavelet, order):
+    """Return the cost of the details of a plane in squared steps, from weights, gain and scales."""
     weights, gain, low_scale, high_scale = wavelet
     low, total = plane.copy(), 0.0
     for _ in range(num_levels):
@@ -219,15 +200,13 @@ def transform_cost(
 
 
 @kernel
-def _set_piece(below: Flags, right: Flags, elements: Integers, value: Any) -> None:
+def _set_piece(below, right, elements, value):
     for k in range(len(elements)):
         set_element(below, right, elements[k, 0], elements[k, 1], elements[k, 2], value)
 
 
 @kernel
-def _window_cost(
-    plane: Plane, wavelet: LiftingWeights, order: int, below: Flags, right: Flags, elements: Integers
-) -> Any:
+def _window_cost(plane, wavelet, order, below, right, elements):
     """Return the cost of the part of a plane around a piece of a chain, aligned to the coarsest scale."""
     alignment = 1 << _NUM_LEVELS
     height, width = below.shape
@@ -243,7 +222,7 @@ def _window_cost(
 
 
 @kernel
-def degrees(below: Flags, right: Flags, vertices: Integers) -> Any:
+def degrees(below, right, vertices):
     """Return the number of edges that meet at each vertex."""
     found = np.empty(len(vertices), np.int64)
     for k in range(len(vertices)):
@@ -252,28 +231,17 @@ def degrees(below: Flags, right: Flags, vertices: Integers) -> Any:
 
 
 @kernel
-def _odd_ends(below: Flags, right: Flags, elements: Integers) -> Any:
+def _odd_ends(below, right, elements):
     """Return the number of ends of a piece at which an odd number of edges meets."""
-    last = elements[-1]
+    first, last = elements[0], elements[-1]
     row, column = next_vertex(last[0], last[1], last[2])
-    first = elements[0]
     if row == first[0] and column == first[1]:
         return 0
     return degree(below, right, first[0], first[1]) % 2 + degree(below, right, row, column) % 2
 
 
 @kernel
-def weigh_pieces(
-    plane: Plane,
-    wavelet: LiftingWeights,
-    order: int,
-    below: Flags,
-    right: Flags,
-    elements: Integers,
-    bounds: Integers,
-    sequence: Integers,
-    present: Flags,
-) -> Any:
+def weigh_pieces(plane, wavelet, order, below, right, elements, bounds, sequence, present):
     """Add or remove each piece of chains if that costs less; return the number of changes."""
     changes = 0
     for k in sequence:

@@ -13,7 +13,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice, repeat
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,7 +40,6 @@ MAX_ORDER = 3
 class Wavelet:
     """Weights of the lifting steps."""
 
-    name: str  # name on command lines
     weights: tuple[float, ...]  # weights of steps that change odd and even samples, in turn; (4.1), (4.2)
     gain: float  # gain of the low band for constant signals, before scaling
 
@@ -52,26 +51,18 @@ class Wavelet:
 
 WAVELETS = {
     "9/7": Wavelet(
-        "9/7",
-        (-1.586134342059924, -0.052980118572961, 0.882911075530934, 0.443506852043971),
-        1.230174104914001,
+        (-1.586134342059924, -0.052980118572961, 0.882911075530934, 0.443506852043971), 1.230174104914001
     ),
-    "5/3": Wavelet("5/3", (-0.5, 0.25), 1.0),
+    "5/3": Wavelet((-0.5, 0.25), 1.0),
 }
 
 
-@dataclass(frozen=True)
-class Details:
+class Details(NamedTuple):
     """High bands of one scale."""
 
     horizontal: Plane  # high-pass along rows, low-pass along columns
     vertical: Plane  # the other way round
     diagonal: Plane  # high-pass along both
-
-    @property
-    def bands(self) -> tuple[Plane, Plane, Plane]:
-        """The three of them in this order."""
-        return self.horizontal, self.vertical, self.diagonal
 
 
 @dataclass(frozen=True)

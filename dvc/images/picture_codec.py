@@ -8,7 +8,7 @@ picture that depends on these bytes only: an encoder calls `decode` for the pict
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,7 +29,6 @@ from dvc.images.lifting import (
 from dvc.images.zerotree_coder import (
     MAX_PLANES,
     Band,
-    DecodedCoefficients,
     Forest,
     Shape,
     scatter,
@@ -39,13 +38,10 @@ from dvc.images.zerotree_coder import (
 
 STEP = 0.25
 """Step of the quantiser after all bit planes, in steps of 8-bit intensities."""
-
 CHROMA_WEIGHT = 0.5
 """Factor on chroma coefficients; its square is the weight of errors of chroma relative to luma."""
-
 LARGEST_MULTIPLIER, SMALLEST_MULTIPLIER = 10.0, 1e-8
 """Multipliers at which almost nothing is coded, and everything."""
-
 DEFAULT_LEVELS = 6
 MAX_LEVELS = 15
 _MULTIPLIER_STEPS = 40
@@ -152,14 +148,7 @@ def lowest_plane_at(multiplier: float) -> int:
     return max(math.floor(math.log2(threshold)), 0) if threshold > 1.0 else 0
 
 
-class Cuttable(Protocol):
-    """Code that can be cut at a multiplier."""
-
-    def bytes_at_multiplier(self, multiplier: float) -> int:
-        """Return the length at which the last bits were worth a multiplier."""
-
-
-def multipliers_around(codes: Sequence[Cuttable], num_bytes: float) -> tuple[float, float]:
+def multipliers_around(codes: Sequence[Any], num_bytes: float) -> tuple[float, float]:
     """Return the multipliers between which the codes of pictures pass a length."""
     low, high = math.log(SMALLEST_MULTIPLIER), math.log(LARGEST_MULTIPLIER)
     for _ in range(_MULTIPLIER_STEPS):
@@ -225,14 +214,14 @@ def decode(
     size = scale_shapes(shape, num_skipped_levels)[-1]
     scales = _SCALES[: 3 if header.colour else 1]
     if not data or not header.num_bit_planes:
-        planes = np.broadcast_to(
-            np.array([middle for middle, _ in scales])[:, None, None], (len(scales), *size)
-        )
+        middles = np.array([middle for middle, _ in scales])[:, None, None]
         shapes = scale_shapes(shape, most_levels(shape))[1:]
-        return DecodedPicture(
-            planes, [np.full(each, k >= header.num_levels) for k, each in enumerate(shapes)]
-        )
-    bands, known = _read(header, data, shape, mask)
+        significance = [np.full(each, k >= header.num_levels) for k, each in enumerate(shapes)]
+        return DecodedPicture(np.broadcast_to(middles, (len(scales), *size)), significance)
+    forest = _forest(shape, header.num_levels, header.colour, mask)
+    known = zerotree_coder.decode(forest, data, header.num_bit_planes, header.adaptive)
+    bands = forest.bands
+    del forest  # its trees are large
     points = tuple((point + _FIRST_POINT) * _POINT_STEP for point in header.points)
 
     def _coefficients(band: Band) -> NDArray[np.float64]:
@@ -249,14 +238,6 @@ def decode(
         np.divide(transform.synthesise(kept), gain * scales[k][1], out=planes[k])
         planes[k] += scales[k][0]
     return DecodedPicture(planes, significance_maps(bands, known, shape, most_levels(shape)))
-
-
-def _read(
-    header: PictureHeader, data: bytes, shape: Shape, mask: Mask | None
-) -> tuple[tuple[Band, ...], DecodedCoefficients]:
-    """Return bands and coefficients, without the trees that reading takes."""
-    forest = _forest(shape, header.num_levels, header.colour, mask)
-    return forest.bands, zerotree_coder.decode(forest, data, header.num_bit_planes, header.adaptive)
 
 
 def _forest(shape: Shape, num_levels: int, colour: bool, mask: Mask | None) -> Forest:

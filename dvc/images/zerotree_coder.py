@@ -138,7 +138,7 @@ def zerotrees(
 def _band_of(pyramid: Pyramid, band: Band) -> NDArray[np.float64]:
     if band.kind == kernels.LOW_BAND:
         return pyramid.low
-    return pyramid.details[band.level - 1].bands[band.kind - 1]
+    return pyramid.details[band.level - 1][band.kind - 1]
 
 
 MAX_PLANES = 30
@@ -269,21 +269,12 @@ def _new_run(
     adaptive: bool,
 ) -> kernels.Run:
     num_parents = int(np.count_nonzero(forest.marks[:, kernels.FLAGS] & kernels.HAS_CHILDREN))
-    return kernels.Run(
-        coder,
-        np.zeros(kernels.NUM_FIELDS, np.int64),
-        np.zeros(forest.num_nodes, np.int32),
-        marks,
-        forest.table,
-        np.zeros(forest.num_nodes, np.int32),
-        np.zeros(2 * num_parents, np.int32),
-        np.zeros(kernels.MOST_CHILDREN * (max(forest.num_levels) + 1), np.int32),
-        exact,
-        curve,
-        new_mixture(kernels.NUM_CONTEXTS, kernels.NUM_WEIGHTS, _FIRST_WEIGHT),
-        num_bytes,
-        adaptive,
-    )
+    fields, mixture = np.zeros(kernels.NUM_FIELDS, np.int64), (kernels.NUM_CONTEXTS, kernels.NUM_WEIGHTS)
+    values, links = (np.zeros(forest.num_nodes, np.int32) for _ in range(2))
+    sets = np.zeros(2 * num_parents, np.int32)
+    opening = np.zeros(kernels.MOST_CHILDREN * (max(forest.num_levels) + 1), np.int32)
+    state = coder, fields, values, marks, forest.table, links, sets, opening, exact, curve
+    return kernels.Run(*state, new_mixture(*mixture, _FIRST_WEIGHT), num_bytes, adaptive)
 
 
 def significance_maps(

@@ -17,11 +17,11 @@ DEPTH_RANGE = 20.0
 
 
 class Frame(NamedTuple):
-    """Position and size of the reference view in a canvas."""
+    """Rectangle in a canvas: the reference view, or a piece."""
 
     left: int  # column and row of its first pixel
     top: int
-    width: int  # its size
+    width: int
     height: int
 
     @property

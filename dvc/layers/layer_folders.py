@@ -139,15 +139,9 @@ def read_canvas(index: Entry) -> Canvas:
     matrix = None if index.value("world_from_rectified") is None else index.matrix("world_from_rectified", 4)
     if matrix is not None and matrix[3, 2] == 0.0:
         index.refuse("'world_from_rectified' gives no depth")
-    return Canvas(
-        shape,
-        frame,
-        labels,
-        index.number("resolution", 0.0),
-        index.text("reference"),
-        index.integer("num_cameras", 1, 1 << 15),
-        matrix,
-    )
+    resolution, reference = index.number("resolution", 0.0), index.text("reference")
+    num_cameras = index.integer("num_cameras", 1, 1 << 15)
+    return Canvas(shape, frame, labels, resolution, reference, num_cameras, matrix)
 
 
 def read_disparity(path: Path, mask: Mask) -> Singles:

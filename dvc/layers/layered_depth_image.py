@@ -181,13 +181,12 @@ def layered_depth_image(
         If magnitudes are out of range, the canvas would be larger than `MAX_CANVAS_FRAMES` views, or views
         have more than `MAX_POINTS_PER_PIXEL`.
     """
-    array, step = reconstruction.array, reconstruction.labels.step
+    array, labels = reconstruction.array, reconstruction.labels
     largest = max(float(np.abs(surface.disparity).max()) for surface in reconstruction.surfaces)
     farthest = float(np.abs([view.position for view in array]).max())
-    if not (MIN_STEP <= step <= MAX_NUMBER and max(largest, farthest) <= MAX_NUMBER):
-        raise DvcError(
-            f"disparities up to {largest:g} in steps of {step:g}, or positions of cameras, are out of range"
-        )
+    if not (MIN_STEP <= labels.step <= MAX_NUMBER and max(largest, farthest) <= MAX_NUMBER):
+        sizes = f"disparities up to {largest:g} in steps of {labels.step:g}"
+        raise DvcError(f"{sizes}, or positions of cameras, are out of range")
     reference = array[array.reference]
     masks = unrefuted(reconstruction) if voters is None else list(voters)
     masks[array.reference] = reference.seen
@@ -215,7 +214,23 @@ def layered_depth_image(
     points, cameras = np.empty(starts[-1], np.float32), np.empty(starts[-1], np.int16)
     _enter(starts[:-1].copy(), points, cameras)
     sort_points(starts, points, cameras)
-    colour, disparity, votes = _vote(reconstruction, positions, canvas, starts, points, cameras)
+    reach, images = round(canvas.resolution / labels.step), np.stack([view.image for view in array])
+    (height, width), frame, strips = canvas.shape, canvas.frame, []
+    for top in range(0, height, _ROWS):
+        shape = MAX_LAYERS, min(_ROWS, height - top), width
+        layers = np.zeros(shape, np.float32), np.zeros(shape, np.uint8), np.zeros((*shape, 3), np.uint8)
+        inside = frame.left, frame.top - top, frame.left + frame.width, frame.top + frame.height - top
+        cells = starts[top * width : (top + shape[1]) * width + 1], points, cameras
+        levels = labels.lowest, labels.step, reach
+        vote(*cells, *levels, positions, images, inside, array.reference, layers)
+        num_layers = max(1, int(layers[1].any(axis=(1, 2)).sum()))
+        strips.append([values[:num_layers] for values in layers])
+    num_layers, whole = max(len(strip[0]) for strip in strips), []
+    for parts in zip(*strips, strict=True):
+        deeper = [(0, 0)] * (parts[0].ndim - 1)
+        padded = [np.pad(part, [(0, num_layers - len(part)), *deeper]) for part in parts]
+        whole.append(np.concatenate(padded, axis=1))
+    colour, disparity, votes = _without_strays(whole[2], whole[0], whole[1])
     colour[0, *canvas.frame.slices][reference.seen] = reference.image[reference.seen]
     return LayeredDepthImage(canvas, colour, disparity, votes)
 
@@ -237,47 +252,9 @@ def _canvas(reconstruction: Reconstruction, masks: list[Mask], positions: Floats
             f"at most {MAX_CANVAS_FRAMES} times a view is accepted"
         )
     left, top = (int(value) for value in np.floor(low + 0.5))
-    return Canvas(
-        (int(size[1]), int(size[0])),
-        Frame(-left, -top, width, height),
-        labels,
-        resolution(array, labels),
-        array[array.reference].name,
-        len(array),
-        world_from_reference(reconstruction),
-    )
-
-
-def _vote(
-    reconstruction: Reconstruction,
-    positions: Floats,
-    canvas: Canvas,
-    starts: Integers,
-    points: Singles,
-    cameras: NDArray[np.int16],
-) -> tuple[Bytes, Singles, Bytes]:
-    """Return colour, disparity and votes of all layers."""
-    array, labels = reconstruction.array, reconstruction.labels
-    reach = round(canvas.resolution / labels.step)
-    images = np.stack([view.image for view in array])
-    height, width = canvas.shape
-    strips = []
-    for top in range(0, height, _ROWS):
-        shape = MAX_LAYERS, min(_ROWS, height - top), width
-        layers = np.zeros(shape, np.float32), np.zeros(shape, np.uint8), np.zeros((*shape, 3), np.uint8)
-        frame = canvas.frame
-        inside = frame.left, frame.top - top, frame.left + frame.width, frame.top + frame.height - top
-        cells = starts[top * width : (top + shape[1]) * width + 1], points, cameras
-        levels = labels.lowest, labels.step, reach
-        vote(*cells, *levels, positions, images, inside, array.reference, layers)
-        num_layers = max(1, int(layers[1].any(axis=(1, 2)).sum()))
-        strips.append([values[:num_layers] for values in layers])
-    num_layers, whole = max(len(strip[0]) for strip in strips), []
-    for parts in zip(*strips, strict=True):
-        deeper = [(0, 0)] * (parts[0].ndim - 1)
-        padded = [np.pad(part, [(0, num_layers - len(part)), *deeper]) for part in parts]
-        whole.append(np.concatenate(padded, axis=1))
-    return _without_strays(whole[2], whole[0], whole[1])
+    shape, frame = (int(size[1]), int(size[0])), Frame(-left, -top, width, height)
+    settings = labels, resolution(array, labels), array[array.reference].name, len(array)
+    return Canvas(shape, frame, *settings, world_from_reference(reconstruction))
 
 
 def _without_strays(colour: Bytes, disparity: Singles, votes: Bytes) -> tuple[Bytes, Singles, Bytes]:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dvc.arrays import Bytes, Floats, Integers, Mask, Singles
-from dvc.geometry.continuation import DepthMap, Visibility
+from dvc.geometry.continuation import CONSISTENT, DepthMap
 from dvc.geometry.depth_maps import (
     MIN_CONFIDENCE,
     checked_depth,
@@ -301,7 +301,7 @@ def _fuse(
     candidates = [drawn_candidate(swept[k], warp_between(views[k], view)) for k in around]
     fused, votes = fused_depth(depth, candidates, consistent)
     reliable = consistent | (votes >= MIN_VOTES)
-    visibility = np.where(reliable, np.int8(Visibility.CONSISTENT), maps[0].visibility)
+    visibility = np.where(reliable, np.int8(CONSISTENT), maps[0].visibility)
     return without_speckles(DepthMap(fused, visibility))
 
 

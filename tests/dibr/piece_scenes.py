@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dvc.dibr.depth_image.scene_pieces import Kind, Pieces, layers_of, pieces_of_layers, pieces_of_sprites
+from dvc.dibr.depth_image.scene_pieces import Kind, Pieces, layers_of, pieces_of_layers
 from dvc.geometry.camera_array import DisparityLabels
 from dvc.layers.canvas import Canvas, Frame
 from dvc.layers.layered_depth_image import layered_depth_image
@@ -17,7 +17,8 @@ def plane_layers() -> Pieces:
 
 def plane_sprites() -> Pieces:
     """Return the sprites of the same."""
-    return pieces_of_sprites(extract_sprites(layers_of(plane_layers())))
+    sprites = extract_sprites(layers_of(plane_layers()))
+    return Pieces(sprites.canvas, Kind.SPRITES, sprites.sprites)
 
 
 def canvas_of(shape: tuple[int, int], **changes: object) -> Canvas:

@@ -11,7 +11,6 @@ import pytest
 from dvc.dibr.depth_image import depth_image_stream as depth_image
 from dvc.dibr.depth_image import piece_stream as layered
 from dvc.dibr.depth_image.depth_image_stream import DepthImageStream, DepthScale, PlaneCode
-from dvc.dibr.depth_image.piece_stream import Rectangle
 from dvc.dibr.depth_image.scene_pieces import Kind
 from dvc.dibr.dibr_streams import FREE_PIXELS, MAX_MIB, check_extent
 from dvc.dibr.view_stream import Header, PairLayer, Stream, decode, decode_stream, encode_stream
@@ -116,10 +115,10 @@ def test_depth_maps_are_refused_alike():
 @pytest.mark.parametrize("kind", list(Kind))
 def test_pieces_are_refused_alike(kind):
     canvas = Canvas((2048, 2048), Frame(0, 0, 2048, 2048), LABELS, 1.0, "a", 2)
-    data = layered.encode_stream(canvas, kind, [Rectangle(0, 0, 0, 0)], [None])
+    data = layered.encode_stream(canvas, kind, [Frame(0, 0, 0, 0)], [None])
     with pytest.raises(BitstreamError, match="too few"):
         layered.decode_stream(data)
-    assert layered.decode_stream(data, MAX_MIB).rectangles == (Rectangle(0, 0, 0, 0),)
+    assert layered.decode_stream(data, MAX_MIB).rectangles == (Frame(0, 0, 0, 0),)
 
 
 def test_more_chains_than_their_bytes_can_hold_are_refused():

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from dvc.geometry.cameras import inverse_depth_range
-from dvc.geometry.continuation import DepthMap, Slopes, Visibility, continue_surfaces
+from dvc.geometry.continuation import CONSISTENT, OCCLUDED, OUTSIDE, DepthMap, Slopes, continue_surfaces
 from dvc.geometry.depth_maps import KnownDepth, estimate_depths
 from dvc.geometry.plane_sweep import SweepSettings, depth_hypotheses
 from dvc.geometry.rendering import OCCLUDED_WEIGHT, fill_holes, render_depth, visibility_weights
@@ -95,7 +95,7 @@ def test_holes_take_the_depth_behind() -> None:
 def test_occluded_points_have_next_to_no_weight() -> None:
     first, second = estimate_depths(MODEL.view_pair, FIRST, SECOND)
     weights = visibility_weights(second, warp_grid(first.to_other, first.depth.inverse_depth))
-    outside = first.depth.visibility == Visibility.OUTSIDE
+    outside = first.depth.visibility == OUTSIDE
     assert outside.any()
     assert weights[outside].max() < OCCLUDED_WEIGHT
     assert (weights[first.depth.reliable] > OCCLUDED_WEIGHT).mean() > 0.95
@@ -105,10 +105,10 @@ def test_slopes_end_beyond_their_reach() -> None:
     shape = 30, 40
     column = np.indices(shape)[1]
     plane = 0.3 + 0.004 * column
-    visibility = np.where(column < 15, Visibility.CONSISTENT, Visibility.OCCLUDED).astype(np.int8)
+    visibility = np.where(column < 15, CONSISTENT, OCCLUDED).astype(np.int8)
     away = np.eye(3, 4)
     away[0, 3] = 1000.0
-    unseen = DepthMap(np.zeros(shape), np.full(shape, Visibility.OCCLUDED, np.int8))
+    unseen = DepthMap(np.zeros(shape), np.full(shape, OCCLUDED, np.int8))
     luma, slopes = np.full(shape, 90.0), Slopes(6, 0.1, 5.0)
     filled = continue_surfaces(DepthMap(plane, visibility), luma, unseen, (away, away), slopes, 1.0)
     assert filled[5, 16] - filled[5, 14] > 0.006

@@ -120,7 +120,7 @@ def test_rows_need_no_others(name: str, m: float, n: float, rng: np.random.Gener
         found = COSTS[name](view, other, labels, band, rows)
         for one, expected in zip(found, whole, strict=True):
             np.testing.assert_array_equal(one, expected[rows])
-    needed = phases(other, view.position, labels, slice(20, 30)).pictures.shape[1]
+    needed = phases(other, view.position, labels, slice(20, 30))[0].shape[1]
     assert needed <= 10 + 4 * abs(n) + 10
 
 

@@ -26,7 +26,7 @@ WEIGHTS = WAVELETS["9/7"]
 def plain_cost(plane, edges, num_levels, order):
     total = 0.0
     for details in Transform(num_levels, edges=edges, order=order).analyse(plane).details:
-        for band in details.bands:
+        for band in details:
             for magnitude in np.abs(band).ravel():
                 bits = SIGNIFICANCE_BITS + BITS_PER_OCTAVE * np.log2(max(magnitude, 1.0))
                 coded = 1 / 12 + MULTIPLIER * bits

@@ -32,7 +32,7 @@ def masked_forest(shape: tuple[int, int], num_levels: int, keep: float, seed: in
     def draw(band: np.ndarray) -> np.ndarray:
         return (rng.random(band.shape) < keep).astype(float)
 
-    details = tuple(Details(*(draw(band) for band in each.bands)) for each in empty.details)
+    details = tuple(Details(*(draw(band) for band in each)) for each in empty.details)
     return zerotrees([shape], [num_levels], [Pyramid(draw(empty.low), details)])
 
 

@@ -258,10 +258,8 @@ def _encode_layers(arguments: argparse.Namespace, paths: list[str]) -> Result:
     bar = cli.progress_bar("pieces" if keeps_all else "trials", total, arguments.quiet)
     with bar as advance, _max_bytes(arguments, num_pixels) as max_bytes:
         if keeps_all:
-            encoded, coded = (
-                piece_encoder.encode_to_size(scene, max_bytes, options, advance, gray=gray),
-                scene,
-            )
+            coded = scene
+            encoded = piece_encoder.encode_to_size(scene, max_bytes, options, advance, gray=gray)
         else:
             selected = piece_selection.encode_best(scene, max_bytes, options, advance, gray)
             encoded, coded = selected.encoded, selected.scene

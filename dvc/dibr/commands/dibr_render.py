@@ -160,7 +160,14 @@ def run_view(arguments: argparse.Namespace) -> int:
     if Path(arguments.path).is_dir():
         if truths or arguments.quality_layers is not None:
             raise ConfigError("--truth and --quality-layers require a stream, not a folder")
-        scene, caption = _scene_of_folder(Path(arguments.path))
+        folder = Path(arguments.path)
+        pieces = read_pieces(folder)
+        scene = scene_of_pieces(pieces)
+        _check_scene(scene, folder)
+        kind = f"{len(pieces.pieces)} {pieces.kind.name.lower()}, not coded"
+        files = [path for prefix in ("colour", "sprite", "disparity") for path in folder.glob(f"{prefix}-*")]
+        size = sum(path.stat().st_size for path in files)
+        caption = Caption(folder.resolve().name, kind, size, scene.shape[0] * scene.shape[1])
     else:
         scene, caption = _scene_of_stream(arguments, truths)
     write_page(arguments.out, scene, caption)
@@ -226,14 +233,8 @@ def _scene_of_stream(arguments: argparse.Namespace, truths: list[Truth]) -> tupl
     if halvings:
         notes.append(f"The stream is too large for a page: its sides are shown {2**halvings} times shorter.")
     height, width = shape_of(decoded)
-    return scene, Caption(
-        Path(arguments.path).name,
-        "decoded stream",
-        num_bytes,
-        height * width,
-        tuple(notes),
-        tuple(qualities.get(viewpoint) for viewpoint in scene.viewpoints),
-    )
+    name, known = Path(arguments.path).name, tuple(map(qualities.get, scene.viewpoints))
+    return scene, Caption(name, "decoded stream", num_bytes, height * width, tuple(notes), known)
 
 
 def _check_scene(scene: Scene, path: str | Path) -> None:
@@ -257,14 +258,3 @@ def _pictures(decoded: AnyDecoded, truths: list[Truth]) -> dict[Viewpoint, NDArr
         paths[viewpoint] = path
         number += position is None
     return {viewpoint: read_truth(path, shape_of(decoded)) for viewpoint, path in paths.items()}
-
-
-def _scene_of_folder(folder: Path) -> tuple[Scene, Caption]:
-    """Return the scene of a folder of layers or sprites, and its caption."""
-    pieces = read_pieces(folder)
-    scene = scene_of_pieces(pieces)
-    _check_scene(scene, folder)
-    kind = f"{len(pieces.pieces)} {pieces.kind.name.lower()}"
-    files = [path for prefix in ("colour", "sprite", "disparity") for path in folder.glob(f"{prefix}-*")]
-    size = sum(path.stat().st_size for path in files)
-    return scene, Caption(folder.resolve().name, f"{kind}, not coded", size, scene.shape[0] * scene.shape[1])

@@ -21,9 +21,8 @@ from dvc.dibr.depth_image.depth_image_stream import (
     default_hole,
     read_depth_map,
 )
-from dvc.dibr.depth_image.piece_stream import DecodedPieces, LayeredStream
+from dvc.dibr.depth_image.piece_stream import LayeredStream
 from dvc.dibr.dibr_streams import Body, body_of
-from dvc.dibr.view_rendering import DecodedViews
 from dvc.dibr.view_stream import Stream
 from dvc.errors import BitstreamError, ConfigError
 from dvc.files import read_whole
@@ -32,7 +31,6 @@ from dvc.metrics import psnr_db
 from dvc.picture_files import read_picture
 
 AnyStream = Stream | DepthImageStream | LayeredStream
-AnyDecoded = DecodedViews | DecodedPieces
 SUFFIX = ".dibr"
 PSNR_NAMES = {"psnr_depth_db": "depth", "psnr_image_db": "image"}
 """Names in text of qualities of a depth map and its picture."""

@@ -269,21 +269,9 @@ def code_picture(
     stops: list[tuple[EdgeMaps | None, bool]] = [(None, False)] if edges is None or is_free else []
     if edges is not None:
         stops.append((edges, True))
-    codes = code_pictures(picture, stops, num_bytes, options, order)
+    transform = options.num_levels, options.wavelet, True
+    codes = [picture_codec.encode(picture, num_bytes, *transform, maps, order) for maps, _ in stops]
     return best_picture_at(picture, stops, codes, num_bytes, order)
-
-
-def code_pictures(
-    picture: Picture,
-    stops: Stops,
-    max_bytes: int,
-    options: DepthOptions,
-    order: int,
-    mask: Mask | None = None,
-) -> list[PictureCode]:
-    """Code a picture with several edges."""
-    levels, transform = picture.astype(np.float64), (options.num_levels, options.wavelet, True)
-    return [picture_codec.encode(levels, max_bytes, *transform, maps, order, mask=mask) for maps, _ in stops]
 
 
 def best_picture_at(

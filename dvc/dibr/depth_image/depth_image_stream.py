@@ -296,18 +296,12 @@ def _decode_body(reader: FieldReader, flags: int, shape: tuple[int, int]) -> Dep
     depth_order, picture_order = (
         flags >> shift & _ORDER_MASK for shift in (_DEPTH_ORDER_SHIFT, _PICTURE_ORDER_SHIFT)
     )
-    return DepthImageStream(
-        shape,
-        scale,
-        data[start : start + num_edges],
-        EdgeCode(int(bool(flags & _ADAPTIVE_EDGES))),
-        PlaneCode(replace(depth_header, colour=False), depth_order, depth_data),
-        PlaneCode(picture_header, picture_order, picture_data) if picture_header else None,
-        bool(flags & _PICTURE_EDGES),
-        bool(first & _MASKED),
-        damage,
-        min(len(data), end + CHECK_BYTES) - num_edges - len(mixed),
-    )
+    edges = data[start : start + num_edges], EdgeCode(int(bool(flags & _ADAPTIVE_EDGES)))
+    depth = PlaneCode(replace(depth_header, colour=False), depth_order, depth_data)
+    picture = PlaneCode(picture_header, picture_order, picture_data) if picture_header else None
+    shared, masked = bool(flags & _PICTURE_EDGES), bool(first & _MASKED)
+    num_header_bytes = min(len(data), end + CHECK_BYTES) - num_edges - len(mixed)
+    return DepthImageStream(shape, scale, *edges, depth, picture, shared, masked, damage, num_header_bytes)
 
 
 def _is_depth(num_depth: int, num_picture: int, length: int) -> NDArray[np.bool_]:

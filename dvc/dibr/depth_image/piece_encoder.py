@@ -14,12 +14,11 @@ from dvc.dibr.depth_image.depth_image_encoder import (
     best_at,
     best_picture_at,
     code_edges,
-    code_pictures,
     code_with_selections,
 )
 from dvc.dibr.depth_image.depth_image_stream import NUM_LEVELS, DepthImageStream, DepthScale, PlaneCode
 from dvc.dibr.depth_image.depth_image_stream import encode_stream as encode_image
-from dvc.dibr.depth_image.piece_stream import Rectangle, encode_header, encode_stream
+from dvc.dibr.depth_image.piece_stream import encode_header, encode_stream
 from dvc.dibr.depth_image.scene_pieces import Pieces
 from dvc.errors import ConfigError
 from dvc.geometry.rendering import fill_holes
@@ -29,6 +28,8 @@ from dvc.images.colour import luma
 from dvc.images.edge_maps import EdgeMaps, border
 from dvc.images.lifting import most_levels
 from dvc.images.picture_codec import PictureCode, PictureHeader, multipliers_around
+from dvc.images.picture_codec import encode as encode_picture
+from dvc.layers.canvas import Frame
 from dvc.layers.sprites import Sprite
 
 _LEAST_SHARE = 0.05
@@ -100,7 +101,10 @@ def encode_to_size(
     """
     chosen = options or DepthOptions()
     codings = _codings(scene, chosen, weights or [1.0] * len(scene.pieces), gray)
-    rectangles = [rectangle_of(piece) for piece in scene.pieces]
+    rectangles = [
+        Frame(piece.left, piece.top, *piece.mask.shape[::-1]) if piece.mask.any() else Frame(0, 0, 0, 0)
+        for piece in scene.pieces
+    ]
     sizes = [max_bytes if rectangle.width else 0 for rectangle in rectangles]
     room = max_bytes - len(encode_header(scene.canvas, scene.kind, rectangles, sizes))
     nothing = PlaneCode(PictureHeader(0, 0), 0, b"")
@@ -130,12 +134,6 @@ def mask_bytes(scene: Pieces) -> int:
     """Return the bytes of the masks of all pieces."""
     masks = [piece.mask for piece in scene.pieces if piece.mask.any()]
     return sum(len(code_edges(border(mask), None, mask).data) for mask in masks)
-
-
-def rectangle_of(piece: Sprite) -> Rectangle:
-    """Return the rectangle of a piece."""
-    height, width = piece.mask.shape
-    return Rectangle(piece.left, piece.top, width, height) if piece.mask.any() else Rectangle(0, 0, 0, 0)
 
 
 def _codings(scene: Pieces, options: DepthOptions, weights: Sequence[float], gray: bool) -> list[_Coding]:
@@ -188,7 +186,8 @@ def _code_pictures(
         stops: list[tuple[EdgeMaps | None, bool]] = [(outline, False)]
         if maps is not None and maps.count() > outline.count():
             stops.append((maps, True))
-        codes = code_pictures(one.picture, stops, room, one.options, order, one.piece.mask)
+        settings, mask = (one.options.num_levels, one.options.wavelet, True), one.piece.mask
+        codes = [encode_picture(one.picture, room, *settings, each, order, mask=mask) for each, _ in stops]
         all_stops.append(stops)
         choices.append(Choices(codes, [0] * len(codes), one.weight))
     lengths = allot(choices, room)

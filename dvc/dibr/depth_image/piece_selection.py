@@ -87,11 +87,14 @@ def encode_best(
         if other.squared_error < best.squared_error:
             stack, best = rounded, other
     reference = best
-    worth, price = worth_of(stack, reference.scene, viewpoints), price_of(reference)
+    worth, coded, (piece,) = worth_of(stack, reference.scene, viewpoints), best.encoded, best.scene.pieces
+    (shown,) = decode(decode_stream(coded.data)).scene.pieces
+    error = luma(shown.colour).astype(np.float64) - luma(piece.colour)
+    num_bytes = coded.part_bytes["image"] + coded.part_bytes["depth"]
+    price = Price(coded.multiplier, 8.0 * num_bytes / piece.mask.size, float(np.mean(error**2)))
     for factor in FACTORS:
-        selected, weights = select(
-            stack, scene.kind, worth, price._replace(multiplier=factor * price.multiplier)
-        )
+        scaled = price._replace(multiplier=factor * price.multiplier)
+        selected, weights = select(stack, scene.kind, worth, scaled)
         if selected.num_values == reference.scene.num_values:  # nothing is worth its bits
             continue
         with suppress(ConfigError):  # does not fit
@@ -139,9 +142,8 @@ def stack_of(scene: Pieces) -> Stack:
     layer = np.arange(len(offset)) - np.repeat(first, np.diff(np.append(first, len(offset))))
     shape = int(layer.max()) + 1, height, width
     index = layer, *np.unravel_index(offset, (height, width))
-    stack = Stack(
-        scene.canvas, np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.float32), np.zeros(shape, np.bool_)
-    )
+    values = np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.float32), np.zeros(shape, np.bool_)
+    stack = Stack(scene.canvas, *values)
     stack.colour[index] = np.concatenate([piece.colour[piece.mask] for piece in scene.pieces])[order]
     stack.disparity[index] = disparity[order]
     stack.occupied[index] = True
@@ -192,15 +194,6 @@ class Price(NamedTuple):
     multiplier: float  # squared error, of all pixels of a view together, that a bit is worth
     bits_per_pixel: float  # bits of picture and disparities
     squared_error: float  # error of a coded pixel
-
-
-def price_of(coded: SelectedPieces) -> Price:
-    """Return the price of a pixel, as measured on the reference view with its disparities."""
-    encoded, (piece,) = coded.encoded, coded.scene.pieces
-    (decoded,) = decode(decode_stream(encoded.data)).scene.pieces
-    error = luma(decoded.colour).astype(np.float64) - luma(piece.colour)
-    num_bytes = encoded.part_bytes["image"] + encoded.part_bytes["depth"]
-    return Price(encoded.multiplier, 8.0 * num_bytes / piece.mask.size, float(np.mean(error**2)))
 
 
 def select(stack: Stack, kind: Kind, worth: Worth, price: Price) -> tuple[Pieces, list[float]]:

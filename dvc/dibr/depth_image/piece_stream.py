@@ -8,7 +8,6 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -32,22 +31,13 @@ _SPRITES, _CALIBRATED = 1, 2
 _IMPOSSIBLE = "the header of the stream cannot have been written"
 
 
-class Rectangle(NamedTuple):
-    """Rectangle of a piece in the canvas."""
-
-    left: int
-    top: int
-    width: int  # 0 for an empty layer
-    height: int
-
-
 @dataclass(frozen=True, eq=False)
 class LayeredStream:
     """A stream."""
 
     canvas: Canvas
     kind: Kind
-    rectangles: tuple[Rectangle, ...]  # rectangles of all pieces
+    rectangles: tuple[Frame, ...]  # rectangles of all pieces; empty for an empty layer
     # available pieces, the last one perhaps cut; None: an empty layer
     pieces: tuple[DepthImageStream | None, ...]
     num_header_bytes: int = 0
@@ -73,7 +63,7 @@ class DecodedPieces:
 
 
 def encode_stream(
-    canvas: Canvas, kind: Kind, rectangles: Sequence[Rectangle], pieces: Sequence[DepthImageStream | None]
+    canvas: Canvas, kind: Kind, rectangles: Sequence[Frame], pieces: Sequence[DepthImageStream | None]
 ) -> bytes:
     """Return the bytes of a stream."""
     encode = depth_image_stream.encode_stream
@@ -82,25 +72,15 @@ def encode_stream(
     return header + b"".join(parts)
 
 
-def encode_header(canvas: Canvas, kind: Kind, rectangles: Sequence[Rectangle], sizes: Sequence[int]) -> bytes:
+def encode_header(canvas: Canvas, kind: Kind, rectangles: Sequence[Frame], sizes: Sequence[int]) -> bytes:
     """Return the header of a stream."""
     name = canvas.reference.encode()
     if canvas.shape[0] * canvas.shape[1] > MAX_PIXELS or len(name) > MAX_NAME_BYTES:
         raise ConfigError(f"a canvas of at most {MAX_PIXELS} pixels is accepted, and a name of 255 bytes")
     matrix = canvas.world_from_rectified
-    data = (
-        MAGIC
-        + bytes([Body.PIECES])
-        + _FIXED.pack(
-            _SPRITES * (kind is Kind.SPRITES) | _CALIBRATED * (matrix is not None),
-            *canvas.shape[::-1],
-            *canvas.frame,
-            *canvas.labels,
-            canvas.resolution,
-            canvas.num_cameras,
-            len(name),
-        )
-    )
+    flags = _SPRITES * (kind is Kind.SPRITES) | _CALIBRATED * (matrix is not None)
+    values = *canvas.shape[::-1], *canvas.frame, *canvas.labels, canvas.resolution, canvas.num_cameras
+    data = MAGIC + bytes([Body.PIECES]) + _FIXED.pack(flags, *values, len(name))
     data += name + (b"" if matrix is None else _MATRIX.pack(*matrix.ravel()))
     data += encode_varint(len(rectangles))
     for rectangle, size in zip(rectangles, sizes, strict=True):
@@ -145,7 +125,7 @@ def decode_stream(data: bytes, max_mib: float | None = None) -> LayeredStream:
     return LayeredStream(canvas, kind, tuple(rectangles), tuple(pieces), start, damage)
 
 
-def _decode_header(data: bytes) -> tuple[Canvas, Kind, list[Rectangle], list[int], int]:
+def _decode_header(data: bytes) -> tuple[Canvas, Kind, list[Frame], list[int], int]:
     """Return canvas, kind, rectangles and sizes of the pieces, and the size of the header."""
     reader = FieldReader.of_body(data, Body.PIECES)
     flags, *values, name_bytes = reader.fields(_FIXED)
@@ -172,7 +152,7 @@ def _decode_header(data: bytes) -> tuple[Canvas, Kind, list[Rectangle], list[int
         read_canvas(Entry(Path("header"), entries))  # checks them like those of an index file
     except (DvcError, UnicodeDecodeError):
         raise BitstreamError(_IMPOSSIBLE) from None
-    rectangles = [Rectangle(*row[:4]) for row in rows]
+    rectangles = [Frame(*row[:4]) for row in rows]
     is_valid = height * width <= MAX_PIXELS and flags <= (_SPRITES | _CALIBRATED)
     for one in rectangles:
         is_valid &= one.left + one.width <= width and one.top + one.height <= height

@@ -62,7 +62,8 @@ def read_pieces(folder: str | Path) -> Pieces:
     if (Path(folder) / layer_folders.LAYERS_INDEX).is_file():
         return pieces_of_layers(layer_folders.read_layers(folder))
     if (Path(folder) / layer_folders.SPRITES_INDEX).is_file():
-        return pieces_of_sprites(layer_folders.read_sprites(folder))
+        sprites = layer_folders.read_sprites(folder)
+        return Pieces(sprites.canvas, Kind.SPRITES, sprites.sprites)
     indices = f"{layer_folders.LAYERS_INDEX} or {layer_folders.SPRITES_INDEX}"
     raise ConfigError(f"{folder}: a folder without {indices}")
 
@@ -83,11 +84,6 @@ def pieces_of_layers(image: LayeredDepthImage) -> Pieces:
         inside = slice(top, top + height), slice(left, left + width)
         pieces.append(Sprite(left, top, mask[inside], colour[inside], disparity[inside]))
     return Pieces(image.canvas, Kind.LAYERS, tuple(pieces))
-
-
-def pieces_of_sprites(sprites: SpriteSet) -> Pieces:
-    """Return sprites as pieces."""
-    return Pieces(sprites.canvas, Kind.SPRITES, sprites.sprites)
 
 
 def layers_of(scene: Pieces) -> LayeredDepthImage:

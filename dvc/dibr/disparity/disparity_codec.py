@@ -4,6 +4,7 @@ Views are compensated backwards: each is sampled at the position of a reference 
 the label ([Maitre2008] Eqs. (3.5), (3.6), (3.12), (3.31)). This ignores the holes that a map opens when
 other views are rendered forward from it. If these errors are known, the codecs choose by them.
 """
+# mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
@@ -18,7 +19,6 @@ from dvc.entropy import RangeCoder
 
 Floats = NDArray[np.float64]
 Plane = NDArray[np.float32]
-Counts = NDArray[np.uint8]
 Tensor = NDArray[np.float32]
 """Errors of shape (rows, columns, labels)."""
 
@@ -38,9 +38,8 @@ class Holes(NamedTuple):
     """Holes of one view."""
 
     errors: Plane  # squared errors in holes, 0 elsewhere
-    first_label: (
-        Labels  # lowest label that would be seen: 0 in holes, elsewhere the first in front of the surface
-    )
+    # lowest label that would be seen: 0 in holes, elsewhere the first in front of the surface
+    first_label: Labels
 
 
 class Distortion(Protocol):
@@ -107,9 +106,7 @@ def adjugates(homographies: Floats) -> Floats:
 
 
 @kernel
-def _add_squared_errors(
-    target: Tensor, view: Tensor, homographies: Floats, tensor: Tensor, count: Counts
-) -> None:
+def _add_squared_errors(target, view, homographies, tensor, count):
     """Add the squared errors of one view at every label, and count the pixels that it sees."""
     height, width, channels = view.shape
     share = np.float32(1.0 / channels)
@@ -147,7 +144,7 @@ def _add_squared_errors(
 
 
 @kernel
-def _normalise_errors(tensor: Tensor, count: Counts, num_views: int) -> None:
+def _normalise_errors(tensor, count, num_views):
     """Turn sums over the views that see a pixel into shares of all views, the reference included."""
     height, width, labels = tensor.shape
     for m in range(height):
@@ -166,9 +163,7 @@ def _normalise_errors(tensor: Tensor, count: Counts, num_views: int) -> None:
 
 
 @kernel
-def _subtract_at_labels(
-    plane: Plane, first_label: Labels, homographies: Floats, weight: np.float32, tensor: Tensor
-) -> None:
+def _subtract_at_labels(plane, first_label, homographies, weight, tensor):
     """Subtract values of a plane from labels, from a first one on, that would draw there."""
     height, width, labels = tensor.shape
     for i in range(plane.shape[0]):

@@ -43,23 +43,17 @@ def synthesise_s(low: Labels, high: Labels, axis: int) -> Labels:
     return np.moveaxis(samples, 0, axis)
 
 
-def _synthesise_plane_s(low: Labels, high: Labels) -> Labels:
-    return synthesise_s(synthesise_s(low, high[0::2, 1::2], 1), high[1::2], 0)
-
-
-def _synthesise_plane_l(low: Labels, high: Labels) -> Labels:
-    return np.asarray(spread(low, high.shape) + high)
-
-
 def spread(values: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
     """Return the values of nodes for each of their children, which have a given shape."""
     return values.repeat(2, axis=0)[: shape[0]].repeat(2, axis=1)[:, : shape[1]]
 
 
-L_TRANSFORM = IntegerTransform("l", _synthesise_plane_l)
+L_TRANSFORM = IntegerTransform("l", lambda low, high: np.asarray(spread(low, high.shape) + high))
 """Laplace: floor of the mean, and the difference of each sample from it (3.13), (3.14), (3.32)."""
 
-S_TRANSFORM = IntegerTransform("s", _synthesise_plane_s)
+S_TRANSFORM = IntegerTransform(
+    "s", lambda low, high: synthesise_s(synthesise_s(low, high[0::2, 1::2], 1), high[1::2], 0)
+)
 """Sequential: vertically on both columns, then horizontally on the low-pass coefficients (3.15), (3.16)."""
 
 

@@ -185,13 +185,13 @@ class BlockCodec(DisparityCodec):
         return _of_blocks(sums.argmin(axis=2), (tensor.shape[0], tensor.shape[1]), tensor.shape[2])
 
     def _write(self, representation: Quadtree, known: Known) -> bytes:
-        width = bits_of_label(representation.num_labels)
+        width = (representation.num_labels - 1).bit_length()
         blocks = representation.labels[::SIDE_PX, ::SIDE_PX]
         digits = blocks.ravel()[:, None] >> np.arange(width)[::-1] & 1
         return np.packbits(digits.astype(np.uint8)).tobytes()
 
     def _read(self, payload: bytes, shape: tuple[int, int], num_labels: int, known: Known) -> Quadtree:
-        width = bits_of_label(num_labels)
+        width = (num_labels - 1).bit_length()
         blocks = -(-shape[0] // SIDE_PX), -(-shape[1] // SIDE_PX)
         count = blocks[0] * blocks[1] * width
         if len(payload) != -(-count // 8):
@@ -206,8 +206,3 @@ class BlockCodec(DisparityCodec):
 def _of_blocks(labels: NDArray[np.integer], shape: tuple[int, int], num_labels: int) -> Quadtree:
     full = labels.astype(np.int32).repeat(SIDE_PX, axis=0).repeat(SIDE_PX, axis=1)
     return Quadtree(full[: shape[0], : shape[1]], (), num_labels)
-
-
-def bits_of_label(num_labels: int) -> int:
-    """Return the bits of a label in codes of fixed length."""
-    return (num_labels - 1).bit_length()

@@ -172,9 +172,13 @@ _PRIOR_WEIGHT = 4.0
 """Weight of priors, in counts."""
 
 
+_Result = tuple[WaveletTree, Statistics, float]
+"""A tree, its statistics, and its tear."""
+
+
 @dataclass(frozen=True)
-class TreeCodec(RangeCodedDisparities):
-    """Base of codecs of L or S trees."""
+class WaveletCodec(RangeCodedDisparities):
+    """Codec of L or S trees with an adaptive code."""
 
     transform: IntegerTransform  # L or S
     num_levels: int | None = None  # number of times that the map is halved; None: down to one pixel
@@ -189,15 +193,6 @@ class TreeCodec(RangeCodedDisparities):
         *sizes, coarsest = level_shapes(shape, len(known.classes))
         highs = tuple(np.zeros(size, np.int32) for size in sizes)
         return WaveletTree(self.transform, num_labels, np.zeros(coarsest, np.int32), highs)
-
-
-_Result = tuple[WaveletTree, Statistics, float]
-"""A tree, its statistics, and its tear."""
-
-
-@dataclass(frozen=True)
-class WaveletCodec(TreeCodec):
-    """Codec of trees with an adaptive code."""
 
     def _best(
         self, tensor: Tensor, multiplier: float, known: Known, distortion: Distortion | None

@@ -4,6 +4,7 @@ From the leaves up, the least cost of the subtree of a node is found for each of
 roots, the coefficients that reach it: the exact optimum for the given costs ([Maitre2008] Eqs. (3.19) to
 (3.32), (3.36)). A zero tree, with all coefficients as predicted, is one more way for a node to have a label.
 """
+# mypy: allow-untyped-defs, allow-untyped-calls, no-check-untyped-defs
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -24,9 +25,6 @@ from dvc.dibr.disparity.integer_transforms import (
 
 Float32s = NDArray[np.float32]
 Kinds = NDArray[np.uint8]
-Bools = NDArray[np.bool_]
-Int = Any
-"""Whole number of Python or numpy."""
 
 INF = np.float32(np.inf)
 ZERO_LABEL: Any = np.int64(0)  # no literal, for which numba would compile
@@ -79,7 +77,7 @@ def optimise_tree(
 
 
 @kernel
-def distance_transform(values: Float32s, slope: np.float32, transformed: Float32s) -> None:
+def distance_transform(values, slope, transformed):
     """Write the lower envelope of cones with a slope at all values, in two passes; may work in place."""
     labels = values.shape[0]
     running = transformed[0] = values[0]
@@ -94,7 +92,7 @@ def distance_transform(values: Float32s, slope: np.float32, transformed: Float32
 
 
 @kernel
-def add_child_l(values: Float32s, prediction: Int, level: Any, i: Int, j: Int, work: Any, full: Any) -> None:
+def add_child_l(values, prediction, level, i, j, work, full):
     """Add to `full` the cost of the best coefficient of a child, for each label of its parent."""
     kind, candidates = level.coefficient_kind[i, j], level.candidates[i, j]
     cost, merge, transformed, loose = level.coefficients[kind], level.merges[kind], work[0], work[1]
@@ -126,7 +124,7 @@ def add_child_l(values: Float32s, prediction: Int, level: Any, i: Int, j: Int, w
 
 
 @kernel
-def join(full: Float32s, flat: Float32s, flags: Float32s, values: Float32s) -> Any:
+def join(full, flat, flags, values):
     """Choose between no coefficients below a node and some; return the offset subtracted from both."""
     least = INF
     for d in range(full.shape[0]):
@@ -139,19 +137,19 @@ def join(full: Float32s, flat: Float32s, flags: Float32s, values: Float32s) -> A
 
 
 @kernel
-def step_cost(cost: Float32s, magnitude: Int) -> Any:
+def step_cost(cost, magnitude):
     """Return the cost of a coefficient that is not as predicted, without labels of neighbours."""
     step = np.float32(magnitude)
     return min(cost[NONZERO] + cost[SLOPE] * step, cost[JUMP]) + cost[TEAR] * step
 
 
 @kernel
-def best_child_l(values: Float32s, predicted: Int, level: Any, i: Int, j: Int) -> Any:
+def best_child_l(values, predicted, level, i, j):
     """Return the best label of a child for its prediction, and its cost."""
     labels, kind, candidates = values.shape[0], level.coefficient_kind[i, j], level.candidates[i, j]
     cost, merge = level.coefficients[kind], level.merges[kind]
-    best: Any = INF
-    label: Any = 0
+    best = INF
+    label = 0
     if 0 <= predicted < labels:
         best, label = values[predicted] + cost[ZERO], predicted
     for c in range(NUM_CANDIDATES):
@@ -169,46 +167,7 @@ def best_child_l(values: Float32s, predicted: Int, level: Any, i: Int, j: Int) -
 
 
 @kernel
-def pass_down_l(
-    values: Float32s,
-    flat: Float32s,
-    predictions: Labels,
-    level: LevelCosts,
-    parents: Labels,
-    alive: Bools,
-    highs: Labels,
-    labels: Labels,
-    live: Bools,
-) -> None:
-    """Run one level of back-tracking: set coefficients, and labels of the children."""
-    height, width, num_labels = values.shape
-    chosen = np.zeros((2, 2), np.int64)
-    for m in range(parents.shape[0]):
-        for n in range(parents.shape[1]):
-            flag = level.flags[level.node_kind[m, n]]
-            splits = False
-            if alive[m, n] and flag[1] < INF:
-                full, below = flag[1], flag[0]
-                for i in range(2 * m, min(2 * m + 2, height)):
-                    for j in range(2 * n, min(2 * n + 2, width)):
-                        predicted = parents[m, n] + predictions[i, j]
-                        label, cost = best_child_l(values[i, j], predicted, level, i, j)
-                        chosen[i - 2 * m, j - 2 * n] = label
-                        full += cost
-                        below += flat[i, j, predicted] if 0 <= predicted < num_labels else INF
-                splits = full < below
-            for i in range(2 * m, min(2 * m + 2, height)):
-                for j in range(2 * n, min(2 * n + 2, width)):
-                    predicted = parents[m, n] + predictions[i, j]
-                    labels[i, j] = chosen[i - 2 * m, j - 2 * n] if splits else predicted
-                    highs[i, j] = labels[i, j] - parents[m, n]
-                    live[i, j] = splits
-
-
-@kernel
-def combine_s(
-    first: Float32s, second: Float32s, prediction: Int, cost: Float32s, floor: float, low: Float32s
-) -> None:
+def combine_s(first, second, prediction, cost, floor, low):
     """Set the low-pass errors of two samples (3.29): the best difference for each mean, small ones first."""
     labels = low.shape[0]
     low[:] = INF
@@ -235,7 +194,7 @@ def combine_s(
 
 
 @kernel
-def best_s(first: Float32s, second: Float32s, low: Int, prediction: Int, cost: Float32s) -> Any:
+def best_s(first, second, low, prediction, cost):
     """Return the best difference of two samples with a given mean, and its cost."""
     labels = first.shape[0]
     best, chosen = INF, prediction
@@ -253,7 +212,7 @@ def best_s(first: Float32s, second: Float32s, low: Int, prediction: Int, cost: F
 
 
 @kernel
-def columns_s(values: Float32s, predictions: Labels, level: Any, m: Int, n: Int, columns: Float32s) -> Any:
+def columns_s(values, predictions, level, m, n, columns):
     """Set the low-pass errors of the columns below a node; return the number of columns."""
     height, width, _labels = values.shape
     count = min(2, width - 2 * n)
@@ -269,7 +228,7 @@ def columns_s(values: Float32s, predictions: Labels, level: Any, m: Int, n: Int,
 
 
 @kernel
-def flat_s(flat: Float32s, predictions: Labels, m: Int, n: Int, low: Int, total: Float32s) -> None:
+def flat_s(flat, predictions, m, n, low, total):
     """Set errors of a node for labels from `low` on if all its coefficients are as predicted."""
     height, width, labels = flat.shape
     for d in range(low, low + total.shape[0]):
@@ -289,15 +248,7 @@ def flat_s(flat: Float32s, predictions: Labels, m: Int, n: Int, low: Int, total:
 
 
 @kernel
-def pass_up(
-    values: Float32s,
-    flat: Float32s,
-    predictions: Labels,
-    level: LevelCosts,
-    is_s: bool,
-    up: Float32s,
-    flat_up: Float32s,
-) -> Any:
+def pass_up(values, flat, predictions, level, is_s, up, flat_up):
     """Run one level of the bottom-up pass (3.28), (3.29); return the offset subtracted from all nodes."""
     height, width, labels = values.shape
     work, full = np.empty((2, labels), np.float32), np.empty(labels, np.float32)
@@ -336,17 +287,34 @@ def pass_up(
 
 
 @kernel
-def pass_down_s(
-    values: Float32s,
-    flat: Float32s,
-    predictions: Labels,
-    level: LevelCosts,
-    parents: Labels,
-    alive: Bools,
-    highs: Labels,
-    labels: Labels,
-    live: Bools,
-) -> None:
+def pass_down_l(values, flat, predictions, level, parents, alive, highs, labels, live):
+    """Run one level of back-tracking: set coefficients, and labels of the children."""
+    height, width, num_labels = values.shape
+    chosen = np.zeros((2, 2), np.int64)
+    for m in range(parents.shape[0]):
+        for n in range(parents.shape[1]):
+            flag = level.flags[level.node_kind[m, n]]
+            splits = False
+            if alive[m, n] and flag[1] < INF:
+                full, below = flag[1], flag[0]
+                for i in range(2 * m, min(2 * m + 2, height)):
+                    for j in range(2 * n, min(2 * n + 2, width)):
+                        predicted = parents[m, n] + predictions[i, j]
+                        label, cost = best_child_l(values[i, j], predicted, level, i, j)
+                        chosen[i - 2 * m, j - 2 * n] = label
+                        full += cost
+                        below += flat[i, j, predicted] if 0 <= predicted < num_labels else INF
+                splits = full < below
+            for i in range(2 * m, min(2 * m + 2, height)):
+                for j in range(2 * n, min(2 * n + 2, width)):
+                    predicted = parents[m, n] + predictions[i, j]
+                    labels[i, j] = chosen[i - 2 * m, j - 2 * n] if splits else predicted
+                    highs[i, j] = labels[i, j] - parents[m, n]
+                    live[i, j] = splits
+
+
+@kernel
+def pass_down_s(values, flat, predictions, level, parents, alive, highs, labels, live):
     """Run one level of back-tracking: set coefficients, and labels of the children."""
     height, width, num_labels = values.shape
     columns, below = np.empty((2, num_labels), np.float32), np.empty(1, np.float32)

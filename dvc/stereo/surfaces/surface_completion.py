@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dvc._jit import kernel
 from dvc.arrays import Bytes, Floats, Mask, Singles
 from dvc.geometry.camera_array import CameraArray, DisparityLabels, LatticePosition
-from dvc.geometry.continuation import DepthMap, Slopes, Visibility, continue_surfaces
+from dvc.geometry.continuation import CONSISTENT, OCCLUDED, DepthMap, Slopes, continue_surfaces
 from dvc.stereo.surfaces.occupancy import Labels, Occupancy, fineness, neighbours, seen_elsewhere, shifts
 from dvc.stereo.surfaces.stereo_settings import tolerance
 
@@ -57,7 +57,7 @@ def continued(
     mine, theirs = (
         DepthMap(
             label.astype(np.float64),
-            np.where(supported, Visibility.CONSISTENT, Visibility.OCCLUDED).astype(np.int8),
+            np.where(supported, CONSISTENT, OCCLUDED).astype(np.int8),
         )
         for label, supported in (occupancy, other)
     )

@@ -12,7 +12,6 @@ from dvc.array_files import MIN_STEP
 from dvc.dibr.depth_image.piece_encoder import encode_to_size
 from dvc.dibr.depth_image.piece_stream import (
     LayeredStream,
-    Rectangle,
     decode,
     decode_stream,
     encode_header,
@@ -43,7 +42,7 @@ def two_alike() -> LayeredStream:
 def test_streams_come_back() -> None:
     first = two_alike()
     again = decode_stream(encode_stream(first.canvas, first.kind, first.rectangles, first.pieces))
-    assert again.rectangles == first.rectangles == (Rectangle(0, 0, 6, 5),) * 2
+    assert again.rectangles == first.rectangles == (Frame(0, 0, 6, 5),) * 2
     assert [piece.depth.data for piece in again.pieces if piece] == [
         piece.depth.data for piece in first.pieces if piece
     ]
@@ -76,15 +75,15 @@ def test_canvases_that_cannot_be_are_refused(canvas) -> None:
         decode_stream(encode_header(canvas, Kind.LAYERS, [], []))
 
 
-@pytest.mark.parametrize("rectangle", [Rectangle(15, 0, 6, 5), Rectangle(0, 8, 6, 5), Rectangle(0, 0, 0, 5)])
-def test_rectangles_beyond_the_canvas_are_refused(rectangle: Rectangle) -> None:
+@pytest.mark.parametrize("rectangle", [Frame(15, 0, 6, 5), Frame(0, 8, 6, 5), Frame(0, 0, 0, 5)])
+def test_rectangles_beyond_the_canvas_are_refused(rectangle: Frame) -> None:
     with pytest.raises(BitstreamError, match="cannot have been written"):
         decode_stream(encode_header(CANVAS, Kind.LAYERS, [rectangle], [10]))
 
 
 def test_more_pieces_than_there_may_be_are_refused() -> None:
     for kind, size in ((Kind.LAYERS, (2, 2)), (Kind.SPRITES, (2**12, 2**12))):
-        rectangles = [Rectangle(0, 0, *size)] * 9
+        rectangles = [Frame(0, 0, *size)] * 9
         canvas = canvas_of(size)
         with pytest.raises(BitstreamError, match="cannot have been written"):
             decode_stream(encode_header(canvas, kind, rectangles, [1] * 9))
