@@ -174,8 +174,6 @@ SPLIT_BITS = 1.0
 class FixedQuadtreeCodec(DisparityCodec):
     """Quadtrees with a bit for each split and labels of fixed length."""
 
-    name = "quadtree"
-
     def _best(
         self, tensor: Tensor, multiplier: float, known: Known, distortion: Distortion | None
     ) -> Quadtree:

@@ -40,6 +40,13 @@ MAX_LABELS = 2**15 - 1
 MAX_VIEWS = 255
 _FIXED = struct.Struct("<BHHffHBBB")
 _CALIBRATED, _METHOD_SHIFT = 1, 1
+METHODS: dict[str, DisparityCodec] = {
+    "l": WaveletCodec(L_TRANSFORM),
+    "s": WaveletCodec(S_TRANSFORM),
+    "quadtree": QuadtreeCodec(),
+    "blocks": BlockCodec(),
+}
+"""Disparity codecs by name."""
 _POSITION, _CAMERA = struct.Struct("<2f"), struct.Struct("<11f")
 
 
@@ -177,15 +184,6 @@ def decode_stream(data: bytes, max_mib: float | None = None) -> Stream:
     held = num_pixels * len(header.references)
     check_extent(num_pixels, held, held * len(layers), len(data), max_mib)
     return Stream(header, tuple(layers), damage)
-
-
-METHODS: dict[str, DisparityCodec] = {
-    "l": WaveletCodec(L_TRANSFORM),
-    "s": WaveletCodec(S_TRANSFORM),
-    "quadtree": QuadtreeCodec(),
-    "blocks": BlockCodec(),
-}
-"""Disparity codecs by name."""
 
 
 @dataclass(frozen=True, eq=False)

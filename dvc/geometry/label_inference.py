@@ -172,7 +172,27 @@ class BeliefPropagation:
 
     def infer(self, cost: Volume, image: Bytes, base: Labels, origin: Labels) -> Inferred:
         """Choose labels; see `Inference`."""
-        grids = self._grids(cost, image, base, origin)
+        # grids, from fine to coarse: costs, strengths and rises of the base surface to the right and downwards
+        smoothness, rises = [], []
+        for axis in (1, 0):
+            difference = np.abs(np.diff(image.astype(np.float32), axis=axis)).max(axis=2)
+            falling = (1.0 - self.edge_strength) * np.exp(-difference / np.float32(self.edge_levels))
+            smoothness.append((self.edge_strength + falling).astype(np.float32))
+            rise = np.diff(base, axis=axis)
+            rises.append(np.where(np.abs(rise) > self.max_jump, 0, rise) - np.diff(origin, axis=axis))
+        (across, down), coarsest = smoothness, cost
+        grids = [(cost, across, down, rises[0], rises[1])]
+        while len(grids) < self.levels and min(coarsest.shape[:2]) > 1:
+            rows, columns = (coarsest.shape[0] + 1) // 2, (coarsest.shape[1] + 1) // 2
+            coarse = np.zeros((rows, columns, coarsest.shape[2]), np.float32)
+            for dy, dx in np.ndindex(2, 2):
+                part = coarsest[dy::2, dx::2]
+                coarse[: part.shape[0], : part.shape[1]] += part
+            coarsest = coarse
+            across = np.ascontiguousarray(across[::2, 1::2][:, : columns - 1])
+            down = np.ascontiguousarray(down[1::2, ::2][: rows - 1])
+            flat = np.zeros(across.shape, np.int64), np.zeros(down.shape, np.int64)
+            grids.append((coarsest, across, down, *flat))
         messages = [np.zeros(grids[-1][0].shape, np.float32) for _ in range(4)]
         slope, limit = np.float32(self.slope), np.float32(self.limit)
         for level, (costs, across, down, rise_x, rise_y) in reversed(list(enumerate(grids))):
@@ -187,32 +207,6 @@ class BeliefPropagation:
         for message in messages:
             total += message
         return chosen(total, origin)
-
-    def _grids(
-        self, cost: Volume, image: Bytes, base: Labels, origin: Labels
-    ) -> list[tuple[Volume, Singles, Singles, Labels, Labels]]:
-        """Costs, strengths and rises of the base surface to the right and downwards, from fine to coarse."""
-        strengths, rises = [], []
-        for axis in (1, 0):
-            difference = np.abs(np.diff(image.astype(np.float32), axis=axis)).max(axis=2)
-            falling = (1.0 - self.edge_strength) * np.exp(-difference / np.float32(self.edge_levels))
-            strengths.append((self.edge_strength + falling).astype(np.float32))
-            rise = np.diff(base, axis=axis)
-            rises.append(np.where(np.abs(rise) > self.max_jump, 0, rise) - np.diff(origin, axis=axis))
-        across, down = strengths
-        grids = [(cost, across, down, rises[0], rises[1])]
-        while len(grids) < self.levels and min(cost.shape[:2]) > 1:
-            rows, columns = (cost.shape[0] + 1) // 2, (cost.shape[1] + 1) // 2
-            coarse = np.zeros((rows, columns, cost.shape[2]), np.float32)
-            for dy, dx in np.ndindex(2, 2):
-                part = cost[dy::2, dx::2]
-                coarse[: part.shape[0], : part.shape[1]] += part
-            cost = coarse
-            across = np.ascontiguousarray(across[::2, 1::2][:, : columns - 1])
-            down = np.ascontiguousarray(down[1::2, ::2][: rows - 1])
-            flat = np.zeros(across.shape, np.int64), np.zeros(down.shape, np.int64)
-            grids.append((cost, across, down, *flat))
-        return grids
 
 
 @kernel

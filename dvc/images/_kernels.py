@@ -200,7 +200,14 @@ def _set_pass(run):
                 _open(run, node)
             while fields[OPENING] and not fields[STOPPED]:
                 fields[OPENING] -= 1
-                _code_children(run, np.int64(run.opening[fields[OPENING]]))
+                node = np.int64(run.opening[fields[OPENING]])
+                found = _code_below(run, node, EXISTS)  # implied decisions take no bits
+                if not _has(run, node, HAS_GRANDCHILDREN):
+                    continue
+                if not found or _code_set(run, node, _YES):
+                    _code_below(run, node, HAS_CHILDREN)
+                else:
+                    _append_set(run, -node)
         else:
             sets[kept] = entry
             kept += 1
@@ -215,17 +222,6 @@ def _open(run, node):
     run.marks[node, FLAGS] |= OPENED
     run.opening[run.fields[OPENING]] = node
     run.fields[OPENING] += 1
-
-
-@kernel
-def _code_children(run, node):
-    """Code the children of a node with a significant descendant; implied decisions take no bits."""
-    found = _code_below(run, node, EXISTS)
-    if _has(run, node, HAS_GRANDCHILDREN):
-        if not found or _code_set(run, node, _YES):
-            _code_below(run, node, HAS_CHILDREN)
-        else:
-            _append_set(run, -node)
 
 
 @kernel

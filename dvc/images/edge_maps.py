@@ -23,6 +23,8 @@ Flags = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
 RIGHT, UP, LEFT, DOWN = range(4)
+_INITIAL_PERCENT = 70, 30
+"""Probability that a region is inside: the first one, and one next to regions inside only."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,10 +118,6 @@ def degree(below: Flags, right: Flags, row: int, column: int) -> int:
     for direction in range(4):
         number += int(has_element(below, right, row, column, direction))
     return number
-
-
-_INITIAL_PERCENT = 70, 30
-"""Probability that a region is inside: the first one, and one next to regions inside only."""
 
 
 def border(mask: Mask) -> EdgeMaps:

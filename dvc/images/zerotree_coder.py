@@ -25,6 +25,12 @@ from dvc.images.lifting import Details, Plane, Pyramid, scale_shapes
 Shape = tuple[int, int]
 Value = TypeVar("Value", bound=np.generic)
 _MARGIN = 2
+MAX_PLANES = 30
+"""Most bit planes of magnitudes."""
+_NEVER = 40  # a bit plane above all
+_MAX_BYTES_PER_NODE = 8
+_MORE_THAN_ALL_PER_NODE, _MORE_THAN_ALL = 16, 64  # bytes that no code reaches: for a node, and further ones
+_FIRST_WEIGHT = 0.4
 
 
 @dataclass(frozen=True)
@@ -139,15 +145,6 @@ def _band_of(pyramid: Pyramid, band: Band) -> NDArray[np.float64]:
     if band.kind == kernels.LOW_BAND:
         return pyramid.low
     return pyramid.details[band.level - 1][band.kind - 1]
-
-
-MAX_PLANES = 30
-"""Most bit planes of magnitudes."""
-
-_NEVER = 40  # a bit plane above all
-_MAX_BYTES_PER_NODE = 8
-_MORE_THAN_ALL_PER_NODE, _MORE_THAN_ALL = 16, 64  # bytes that no code reaches: for a node, and further ones
-_FIRST_WEIGHT = 0.4
 
 
 @dataclass(frozen=True)

@@ -33,9 +33,8 @@ def write_layers(folder: Path, image: LayeredDepthImage) -> None:
         _write_values(folder, names, colour, image.disparity[layer], mask)
         write_png(folder / names["votes"], image.votes[layer])
         entries.append(names)
-    write_index(
-        folder / LAYERS_INDEX, LAYERS_FORMAT, VERSION, {**canvas_values(image.canvas), "layers": entries}
-    )
+    values = {**canvas_values(image.canvas), "layers": entries}
+    write_index(folder / LAYERS_INDEX, LAYERS_FORMAT, VERSION, values)
 
 
 def read_layers(folder: str | Path) -> LayeredDepthImage:
@@ -74,9 +73,8 @@ def write_sprites(folder: Path, sprites: SpriteSet) -> None:
         height, width = sprite.mask.shape
         window = {"left": sprite.left, "top": sprite.top, "width": width, "height": height}
         entries.append({**window, "num_values": sprite.num_values, **names})
-    write_index(
-        folder / SPRITES_INDEX, SPRITES_FORMAT, VERSION, {**canvas_values(sprites.canvas), "sprites": entries}
-    )
+    values = {**canvas_values(sprites.canvas), "sprites": entries}
+    write_index(folder / SPRITES_INDEX, SPRITES_FORMAT, VERSION, values)
 
 
 def read_sprites(folder: str | Path) -> SpriteSet:

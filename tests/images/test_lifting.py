@@ -168,7 +168,7 @@ def test_without_edges_it_is_the_standard_transform_to_the_last_bit(name, order)
     wanted = lifting.analyse(plane, 5, name)
     np.testing.assert_array_equal(found.low, wanted.low)
     for one, other in zip(found.details, wanted.details, strict=True):
-        for band, expected in zip(one.bands, other.bands, strict=True):
+        for band, expected in zip(one, other, strict=True):
             np.testing.assert_array_equal(band, expected)
 
 
@@ -197,7 +197,7 @@ def test_what_an_edge_separates_does_not_matter_to_the_other_side():
     other[:, 16:] = rng.normal(size=(32, 16))
     first, second = (Transform(2, "9/7", edges, 1).analyse(samples) for samples in (plane, other))
     for one, two in zip(first.details, second.details, strict=True):
-        for band, changed in zip(one.bands, two.bands, strict=True):
+        for band, changed in zip(one, two, strict=True):
             half = band.shape[1] // 2
             np.testing.assert_array_equal(band[:, :half], changed[:, :half])
             assert not np.array_equal(band[:, half:], changed[:, half:])
@@ -217,7 +217,7 @@ def test_the_inverse_is_exact_with_any_edges_inside_any_mask(height, width, orde
     exists = mask_pyramid(mask, 5)
     bands = [(pyramid.low, other.low, exists.low)]
     for one, two, three in zip(pyramid.details, other.details, exists.details, strict=True):
-        bands += zip(one.bands, two.bands, three.bands, strict=True)
+        bands += zip(one, two, three, strict=True)
     for band, same, where in bands:
         np.testing.assert_array_equal(band, same)
         assert not band[where == 0].any()

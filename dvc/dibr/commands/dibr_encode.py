@@ -207,7 +207,14 @@ def _encode_depth_image(arguments: argparse.Namespace, paths: list[str]) -> Resu
     depth_image_stream.check_map(shape, scale)
     share = None if arguments.depth_share == AUTOMATIC else arguments.depth_share
     levels = min(DepthOptions.num_levels, most_levels(shape))
-    edges, num_pixels = _edges(arguments, depth_map.depth), shape[0] * shape[1]
+    num_pixels = shape[0] * shape[1]
+    edges: CodedEdges | None = code_edges(EdgeMaps.none(shape))
+    if arguments.transform != TRANSFORMS[1]:
+        makers = {"canny": lambda: canny_edges(depth_map.depth), "none": lambda: EdgeMaps.none(shape)}
+        make = makers.get(arguments.edges, lambda: read_edges(arguments.edges, shape))
+        edges = None if arguments.edges == "auto" else code_edges(make())
+    elif arguments.edges != EDGES[0]:
+        raise ConfigError("--edges requires the shape-adaptive transform")
     orders = arguments.order_depth, arguments.order_image
     options = DepthOptions(arguments.wavelet, levels, *orders, share)
     is_quiet = arguments.quiet or edges is not None
@@ -231,18 +238,6 @@ def _encode_depth_image(arguments: argparse.Namespace, paths: list[str]) -> Resu
     share_of_edges = f"{bits['edges']} of them {figures['edge_elements']} edges"
     text = f"{figures['bpp']:.4f} bits per pixel, {8 * len(encoded.data)} bits, {share_of_edges}"
     return encoded.data, figures, "; ".join([text, *in_decibels(figures, PSNR_NAMES)])
-
-
-def _edges(arguments: argparse.Namespace, depth: Any) -> CodedEdges | None:
-    """Return the edges of the options; None: to be selected."""
-    if arguments.transform == TRANSFORMS[1]:
-        if arguments.edges != EDGES[0]:
-            raise ConfigError("--edges requires the shape-adaptive transform")
-        return code_edges(EdgeMaps.none(depth.shape))
-    if arguments.edges == "auto":
-        return None
-    makers = {"canny": lambda: canny_edges(depth), "none": lambda: EdgeMaps.none(depth.shape)}
-    return code_edges(makers.get(arguments.edges, lambda: read_edges(arguments.edges, depth.shape))())
 
 
 def _encode_layers(arguments: argparse.Namespace, paths: list[str]) -> Result:

@@ -203,15 +203,12 @@ class DisparityCodec(ABC):
 
     Attributes
     ----------
-    name : str
-        Name in messages.
     layered : bool
         Whether a representation can be coded as the difference to a previous one.
     num_levels : int or None
         Number of times that the map is halved; None: down to one pixel.
     """
 
-    name: str
     layered = False
     num_levels: int | None = None
 

@@ -59,7 +59,6 @@ class QuadtreeCodec(RangeCodedDisparities):
     """Codec of quadtrees of least error and bits, exactly for their costs; no significance."""
 
     has_credits: bool = False  # try labels that would cover holes, as wavelets do
-    name = "quadtree"
 
     def _best(
         self, tensor: Tensor, multiplier: float, known: Known, distortion: Distortion | None
@@ -174,8 +173,6 @@ def _measured_bits(tree: Quadtree) -> tuple[Floats, Floats]:
 
 class BlockCodec(DisparityCodec):
     """Codec of blocks of least squared error, without lambda and significance."""
-
-    name = "blocks"
 
     def _best(
         self, tensor: Tensor, multiplier: float, known: Known, distortion: Distortion | None

@@ -37,6 +37,7 @@ from dvc.entropy.binarisation import MAX_DECISIONS, NUM_EXPONENTS
 from dvc.entropy.mixing import Mixture, logistic_tables
 
 Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
 
 _FIRST_COUNT = 4.0
 """Weight of the initial probability of a context, in decisions."""
@@ -46,6 +47,14 @@ _FLAGS = 0.15, 0.45, 0.6, 0.45, 0.6
 _ZEROS = 0.15, 0.4, 0.45, 0.35, 0.4
 """Initial probabilities of coefficients that are not as predicted."""
 _MERGE, _DISTANCE = 0.6, 0.5
+NUM_ITERATIONS = 2
+"""Iterations of costs and tree before tears are tried."""
+TEARS = 0.025, 0.05, 0.1, 0.2
+"""Squared errors of pixels of holes to try, relative to the mean of the tensor."""
+_FLAG_PRIOR, _ZERO_PRIOR, _MERGE_PRIOR, _MAGNITUDE_PRIOR = 0.3, 0.3, 0.6, 3.0
+"""Probabilities and mean magnitude without any counts."""
+_PRIOR_WEIGHT = 4.0
+"""Weight of priors, in counts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +73,10 @@ class Statistics:
             np.zeros((num_levels, _kernels.NUM_NODE_KINDS, 2), np.int64),
             np.zeros((num_levels, _kernels.NUM_COEFFICIENT_KINDS, _kernels.NUM_STATISTICS), np.int64),
         )
+
+
+_Result = tuple[WaveletTree, Statistics, float]
+"""A tree, its statistics, and its tear."""
 
 
 def open_nodes(significance: Sequence[Classes]) -> list[Bools]:
@@ -160,22 +173,6 @@ def _initial_mixture() -> Mixture:
     return Mixture(contexts, np.full((_kernels.NUM_MIXTURES, 2), _FIRST_WEIGHT), logistic_tables())
 
 
-Floats = NDArray[np.float64]
-
-NUM_ITERATIONS = 2
-"""Iterations of costs and tree before tears are tried."""
-TEARS = 0.025, 0.05, 0.1, 0.2
-"""Squared errors of pixels of holes to try, relative to the mean of the tensor."""
-_FLAG_PRIOR, _ZERO_PRIOR, _MERGE_PRIOR, _MAGNITUDE_PRIOR = 0.3, 0.3, 0.6, 3.0
-"""Probabilities and mean magnitude without any counts."""
-_PRIOR_WEIGHT = 4.0
-"""Weight of priors, in counts."""
-
-
-_Result = tuple[WaveletTree, Statistics, float]
-"""A tree, its statistics, and its tear."""
-
-
 @dataclass(frozen=True)
 class WaveletCodec(RangeCodedDisparities):
     """Codec of L or S trees with an adaptive code."""
@@ -183,11 +180,6 @@ class WaveletCodec(RangeCodedDisparities):
     transform: IntegerTransform  # L or S
     num_levels: int | None = None  # number of times that the map is halved; None: down to one pixel
     layered = True
-
-    @property
-    def name(self) -> str:  # type: ignore[override]
-        """Name on command lines."""
-        return self.transform.name
 
     def _empty(self, shape: tuple[int, int], num_labels: int, known: Known) -> WaveletTree:
         *sizes, coarsest = level_shapes(shape, len(known.classes))
