@@ -9,8 +9,8 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dvc.arrays import Floats
 from dvc.dibr.dibr_streams import DEFAULT_CODEC
 from dvc.dibr.disparity.disparity_codec import (
     DisparityCodec,
@@ -39,20 +39,16 @@ from dvc.images import picture_codec
 from dvc.images.colour import Picture
 from dvc.images.picture_codec import LARGEST_MULTIPLIER, PictureCode, lowest_plane_at, multipliers_around
 
-Floats = NDArray[np.float64]
-
 MULTIPLIER_RANGE, MAX_MULTIPLIER_RATIO = 64.0, 4.0
 """Ratio of the multipliers of the first and the last quality layer; largest ratio of neighbours."""
 MULTIPLIER_SHARES = tuple(0.8 + 0.05 * step for step in range(9))
 """Lengths, relative to the target, over which multipliers are averaged."""
-
 MAX_GIB = 4.0
 """Largest memory for encoding."""
 _BYTES_PER_ERROR = 10.0
 """Bytes per label and pixel: error tensor, a copy, dynamic programming; 8 to 9 were measured."""
 _BYTES_PER_PIXEL = 650.0
 """Bytes per pixel of the reference, its trees and its views; measured in colour, gray needs half."""
-
 PICTURE_SHARE = 0.85
 """Share of the pictures in most streams, at which rate control begins."""
 TOLERANCE = 0.005
@@ -61,7 +57,6 @@ GROWTH = 0.7, 3.0
 """Limits of the growth of streams in bytes per byte of the pictures."""
 MAX_STEPS = 8
 """Most encodings of rate control."""
-
 SAME_SURFACE_LABELS = 1.5
 """Distance behind a drawn surface, in labels, within which a label still counts as seen."""
 

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Mask
 from dvc.dibr.depth_image.scene_pieces import (
     Bounds,
     Kind,
@@ -30,9 +31,6 @@ from dvc.layers.canvas import DEPTH_RANGE
 from dvc.layers.sprites import Sprite
 from dvc.web.document import data_uri
 from dvc.web.surfaces import StageFiles, camera_values, palette_text, surface_values, webp, write_stage
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 FILES = StageFiles(resources.files("dvc.dibr") / "templates", "viewer.html.j2", ("warps.js", "viewer.js"))
 STILL_QUALITY = 85

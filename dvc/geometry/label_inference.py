@@ -172,7 +172,7 @@ class BeliefPropagation:
 
     def infer(self, cost: Volume, image: Bytes, base: Labels, origin: Labels) -> Inferred:
         """Choose labels; see `Inference`."""
-        # grids, from fine to coarse: costs, strengths and rises of the base surface to the right and downwards
+        # grids from fine to coarse: costs, strengths and rises of the base surface to the right and down
         smoothness, rises = [], []
         for axis in (1, 0):
             difference = np.abs(np.diff(image.astype(np.float32), axis=axis)).max(axis=2)

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.arrays import Integers
 from dvc.errors import DvcError
 from dvc.images.chain_code import Chains, draw, trace
 from dvc.images.edge_maps import DOWN, RIGHT, EdgeMaps, Mask, coarser, degree, next_vertex, set_element
@@ -46,9 +46,6 @@ MOST_RUNGS = 19
 """Steps of a ladder from the finest to the extent of a map."""
 ROUNDED = 1.0 / 12.0
 """Squared error of a significant coefficient, in squared steps."""
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 def edges_of_jumps(depth: Plane, least: float) -> EdgeMaps:

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Mask
 from dvc.dibr.depth_image.depth_image_encoder import DEPTH_SHARE, DepthOptions
 from dvc.dibr.depth_image.piece_encoder import EncodedPieces, encode_to_size, mask_bytes
 from dvc.dibr.depth_image.piece_stream import decode, decode_stream
@@ -26,9 +27,6 @@ from dvc.images.colour import luma
 from dvc.images.edge_selection import CHAIN_BITS, ELEMENT_BITS
 from dvc.layers.canvas import Canvas, Frame
 from dvc.layers.sprites import Sprite
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 FACTORS = 16.0, 4.0, 1.0, 0.25, 0.0625
 """Multipliers to try, relative to that of the picture: contours take bits from the map as well."""

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.arrays import Floats
 from dvc.dibr.view_rendering import picture_of, with_margin
 from dvc.errors import ConfigError
 from dvc.geometry.camera_array import LatticePosition
@@ -23,8 +24,6 @@ from dvc.layers import layer_folders
 from dvc.layers.canvas import Canvas
 from dvc.layers.layered_depth_image import LayeredDepthImage
 from dvc.layers.sprites import Sprite, SpriteSet
-
-Floats = NDArray[np.float64]
 
 BEYOND = 0.25
 """Largest distance of a viewpoint beyond the views, relative to the longer side of their lattice."""

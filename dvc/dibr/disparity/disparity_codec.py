@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.arrays import Floats
 from dvc.dibr.disparity.integer_transforms import Labels, level_shapes
 from dvc.entropy import RangeCoder
 
-Floats = NDArray[np.float64]
 Plane = NDArray[np.float32]
 Tensor = NDArray[np.float32]
 """Errors of shape (rows, columns, labels)."""

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.arrays import Floats
 from dvc.dibr.disparity import _kernels
 from dvc.dibr.disparity.disparity_codec import (
     CREDITS,
@@ -25,8 +26,6 @@ from dvc.dibr.disparity.disparity_codec import (
 from dvc.dibr.disparity.integer_transforms import Labels, level_shapes, spread
 from dvc.entropy import RangeCoder, context_counts
 from dvc.errors import BitstreamError
-
-Floats = NDArray[np.float64]
 
 SIDE_PX = 8
 """Side of blocks."""

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.arrays import Floats, Mask
 from dvc.dibr.disparity import _kernels
 from dvc.dibr.disparity.disparity_codec import (
     CREDITS,
@@ -35,9 +36,6 @@ from dvc.dibr.disparity.tree_optimisation import TEAR, Kinds, LevelCosts, optimi
 from dvc.entropy import RangeCoder, context_counts
 from dvc.entropy.binarisation import MAX_DECISIONS, NUM_EXPONENTS
 from dvc.entropy.mixing import Mixture, logistic_tables
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 _FIRST_COUNT = 4.0
 """Weight of the initial probability of a context, in decisions."""
@@ -79,26 +77,26 @@ _Result = tuple[WaveletTree, Statistics, float]
 """A tree, its statistics, and its tear."""
 
 
-def open_nodes(significance: Sequence[Classes]) -> list[Bools]:
+def open_nodes(significance: Sequence[Classes]) -> list[Mask]:
     """Return which nodes may have coefficients below them."""
-    opened: list[Bools] = []
+    opened: list[Mask] = []
     for classes in significance:
         here = classes > 0
         opened.append(here | _any_child(opened[-1], here.shape) if opened else here)
     return opened
 
 
-def _any_child(children: Bools, shape: tuple[int, ...]) -> Bools:
+def _any_child(children: Mask, shape: tuple[int, ...]) -> Mask:
     """Return which nodes have a child that is marked."""
     below = np.zeros((2 * shape[0], 2 * shape[1]), np.bool_)
     below[: children.shape[0], : children.shape[1]] = children
     return np.asarray(below[0::2, 0::2] | below[0::2, 1::2] | below[1::2, 0::2] | below[1::2, 1::2])
 
 
-def split_nodes(tree: WaveletTree, predictions: Sequence[Labels]) -> list[Bools]:
+def split_nodes(tree: WaveletTree, predictions: Sequence[Labels]) -> list[Mask]:
     """Return which nodes have coefficients below them that are not as predicted."""
     shapes = [*(high.shape for high in tree.highs), tree.roots.shape][1:]
-    splits: list[Bools] = []
+    splits: list[Mask] = []
     for high, predicted, shape in zip(tree.highs, predictions, shapes, strict=True):
         changed = high != predicted
         splits.append(_any_child(changed | splits[-1] if splits else changed, shape))
