@@ -256,7 +256,7 @@ class _Run:
             for prior in wish.priors:
                 size = prior.places.size if isinstance(prior, NeighbourCoupling) else prior.size
                 bits = result.bits[start : start + size]
-                llr = prior.llr_in_sequence(bits) if isinstance(prior, NeighbourCoupling) else prior
+                llr = prior.llr_given(bits, causal=True) if isinstance(prior, NeighbourCoupling) else prior
                 planes.append((bits, ideal_bits(bounded_llr(llr), bits)))
                 start += size
             by_wish.append(planes)

@@ -4,6 +4,7 @@ import argparse
 import sys
 from contextlib import ExitStack, nullcontext
 from dataclasses import asdict, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from dvc import cli, config
@@ -40,6 +41,9 @@ def _encode(arguments: argparse.Namespace) -> int:
     with video as reader:
         for notice in reader.info.notices:
             _log(notice)
+        for option in ("--leave-out", "--queue"):
+            if not reader.info.live and cli.is_given(arguments, option):
+                raise ConfigError(f"{option} requires a camera, a pipe or an address as INPUT")
         total = arguments.frames if reader.info.num_frames is None else reader.info.num_frames
         with cli.progress_bar("encoding", total, arguments.quiet) as progress:
             _run(reader, arguments, progress)
@@ -98,8 +102,9 @@ def _run(reader: "VideoReader", arguments: argparse.Namespace, progress: "Progre
     from dvc.files import SyncedFile, atomic_output
     from dvc.memory import resident_bytes
     from encoder.encoder_report import memory_report
-    from encoder.encoder_session import EncoderSession  # noqa: F401  # loaded before the first frame
+    from encoder.encoder_session import CodingClock  # the encoder is loaded before the first frame
     from encoder.frame_queue import InputFrames, PacedFrames
+    from encoder.segments import MAX_SEGMENT_FRAMES, segment_names, write_segments
 
     cv2.setNumThreads(1)  # only the time of this thread is counted
     live, segmented = reader.info.live, arguments.segment is not None
@@ -108,15 +113,20 @@ def _run(reader: "VideoReader", arguments: argparse.Namespace, progress: "Progre
     baseline_bytes = 0 if arguments.json is None else resident_bytes()
     session = new_session(arguments, reader.info)
     paced = PacedFrames(reader, reader.info.frame_rate)
-    queue = _queue(paced, arguments, live, session.config)
+    queue = _queue(paced, arguments, session.config) if live and arguments.serve is not None else None
     source = InputFrames(queue or paced)
     try:
         if arguments.serve is not None:
             extra = _serve(session, source, arguments, progress, queue)
         else:
-            with source.stopping_at_signals() if live or segmented else nullcontext():
+            with cli.stopping_at_signals(source.stop) if live or segmented else nullcontext():
                 if segmented:
-                    _write_segments(source, reader.info, arguments, progress, segments)
+                    names, clock = segment_names(arguments.output), CodingClock(reader.info.frame_rate)
+                    for path in (path for path in names.existing().values() if path.suffix == PARTIAL_SUFFIX):
+                        _log(f"{path} remains from an earlier recording: `dvc-decode --unfinished` reads it")
+                    length = min(arguments.segment * reader.info.frame_rate, MAX_SEGMENT_FRAMES)
+                    new = partial(new_session, arguments, reader.info, clock)
+                    segments += write_segments(source, names, max(1, round(length)), new, progress)
                 else:
                     # Earlier frames of a live source that fails are kept, as it cannot be read again.
                     with (
@@ -138,19 +148,14 @@ def _run(reader: "VideoReader", arguments: argparse.Namespace, progress: "Progre
     source.raise_end(kept=live and arguments.serve is None and has_output)
 
 
-def _queue(
-    frames: "PacedFrames", arguments: argparse.Namespace, live: bool, codec: config.CodecConfig
-) -> "FrameQueue | None":
+def _queue(frames: "PacedFrames", arguments: argparse.Namespace, codec: config.CodecConfig) -> "FrameQueue":
     """Return the queue of a live source for a slower decoder; a file waits by itself."""
-    from encoder.frame_queue import FrameQueue, default_frames
+    from encoder.frame_queue import FrameQueue
 
-    for option in ("--leave-out", "--queue"):
-        if not live and cli.is_given(arguments, option):
-            raise ConfigError(f"{option} requires a camera, a pipe or an address as INPUT")
-    if not live or arguments.serve is None:
-        return None
     group_length = codec.gop.length
-    max_frames = arguments.queue or default_frames(codec.video.width * codec.video.height, group_length)
+    # by default about two seconds, and at most 64 frames of 1920x1080, 200 MB
+    default = min(64, (1 << 27) // (codec.video.width * codec.video.height))
+    max_frames = arguments.queue or max(group_length, default)
     if arguments.leave_out and max_frames < group_length:
         raise ConfigError(f"--leave-out requires a queue that holds a group: --queue {group_length} or more")
     return FrameQueue(frames, max_frames, group_length if arguments.leave_out else 0)
@@ -172,24 +177,6 @@ def _pace(reader: "VideoReader", behind_s: float) -> dict[str, object]:
 def _log(text: str) -> None:
     sys.stderr.write(f"{options.PROG}: {cli.one_line(text)}\n")
     sys.stderr.flush()
-
-
-def _write_segments(
-    source: "InputFrames",
-    info: "VideoInfo",
-    arguments: argparse.Namespace,
-    progress: "Progress",
-    finished: "list[Segment]",
-) -> None:
-    from encoder.encoder_session import CodingClock
-    from encoder.segments import MAX_SEGMENT_FRAMES, segment_names, write_segments
-
-    names, clock = segment_names(arguments.output), CodingClock(info.frame_rate)
-    for path in names.existing().values():
-        if path.suffix == PARTIAL_SUFFIX:
-            _log(f"{path} remains from an earlier recording: `dvc-decode --unfinished` reads it")
-    length = max(1, round(min(arguments.segment * info.frame_rate, MAX_SEGMENT_FRAMES)))
-    finished += write_segments(source, names, length, lambda: new_session(arguments, info, clock), progress)
 
 
 def _serve(
@@ -225,7 +212,7 @@ def _serve(
         )
         peer = stack.enter_context(acceptor).next_peer()
         assert peer is not None
-        with source.stopping_at_signals():
+        with cli.stopping_at_signals(source.stop):
             link = serve(session, source, acceptor, peer, progress, pace, arguments.patience, _has_frames)
     if left_out.frames:
         _log(f"left out {left_out.frames} frames in {left_out.gaps} gap(s): the decoder is too slow")

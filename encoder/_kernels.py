@@ -56,9 +56,6 @@ class Matches(NamedTuple):
     matched: NDArray[np.bool_]
 
 
-# ---- blocks ----
-
-
 @kernel
 def cut_blocks(image, points, blocks):
     """Copy the block around each point; outside the image its border is repeated."""
@@ -141,9 +138,6 @@ def spiral_search(matching, x, y, half, i, small, spiral):
             if best <= small:
                 break
     return best_x, best_y, best
-
-
-# ---- tracks ----
 
 
 @kernel
@@ -248,10 +242,7 @@ def track_frame(matching, quarter, points, movement, spirals, max_coarse_searche
 
 @kernel
 def finish_frame(points, last, search, scale, velocity, path):
-    """Set `velocity` and `path` (N, 2), rounded to fractions of 1 / `scale`; nan for lost points.
-
-    Return the largest squared distance of a point from its start.
-    """
+    """Set `velocity` and `path` (N, 2), nan for lost points; return the largest squared path."""
     (first, _), (position, sads, adjacent, matched) = points, search
     longest = 0
     for i in range(matched.size):
@@ -275,17 +266,11 @@ def finish_frame(points, last, search, scale, velocity, path):
 def follow(
     matching, quarter, points, movement, spirals, max_coarse_searches, least, search, scale, velocity, path
 ):
-    """Search for points without a match; return their number, and the result of `finish_frame`.
-
-    The frame is finished if at least `least` points have a match.
-    """
+    """Search for points without a match; finish the frame if `least` points have one; return both results."""
     num_matched = track_frame(matching, quarter, points, movement, spirals, max_coarse_searches, search)
     if num_matched < least:
         return num_matched, 0
     return num_matched, finish_frame(points, movement.last, search, scale, velocity, path)
-
-
-# ---- interpolation ----
 
 
 @inlined_kernel

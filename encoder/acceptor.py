@@ -23,9 +23,6 @@ PAUSE_S = 0.02
 MAX_LINES = 8
 """Number of rejected peers that are all logged; later on only as their number doubles."""
 
-FirstFrame = Callable[[int], int | None]
-"""Returns the first frame after some groups of pictures; None if a decoder cannot continue there."""
-
 
 class AcceptedPeer(NamedTuple):
     """A connection to a decoder, and its endpoint."""
@@ -46,7 +43,8 @@ class PeerAcceptor(Closing):
         patience_s: float,
         log: Callable[[str], None],
     ) -> None:
-        self.first_frame: FirstFrame = {0: 0}.get
+        # first frame after some groups of pictures; None if a decoder cannot continue there
+        self.first_frame: Callable[[int], int | None] = {0: 0}.get
         self._listener, self._config, self._protection = listener, config, protection
         self._timeout_s, self._patience_s, self._log = timeout_s, patience_s, log
         self._accepted: queue.SimpleQueue[AcceptedPeer] = queue.SimpleQueue()
@@ -114,12 +112,11 @@ class PeerAcceptor(Closing):
         try:
             peer.endpoint.receive(peer.connection.receive(0.0))
             if peer.endpoint.hello is not None:
-                self._admit(peer, peer.endpoint.hello)
+                self._admit(*peer, peer.endpoint.hello)
         except (FeedbackError, OSError) as err:
             self._reject(peer, str(err))
 
-    def _admit(self, peer: AcceptedPeer, hello: Hello) -> None:
-        connection, endpoint = peer.connection, peer.endpoint
+    def _admit(self, connection: Connection, endpoint: EncoderEndpoint, hello: Hello) -> None:
         if not self._protection.accepts(hello.token):
             raise RefusedError("the token is wrong")
         if self._decoder_id not in (None, hello.decoder_id):
@@ -132,23 +129,23 @@ class PeerAcceptor(Closing):
         if self._current is not None:
             self._current.break_off(f"the decoder has come back as {connection.name}")
         self._decoder_id, self._current = hello.decoder_id, connection
-        self._forget(peer)
-        self._accepted.put(peer)
+        self._forget(connection)
+        self._accepted.put(AcceptedPeer(connection, endpoint))
         if not self._patience_s:
             self._closed = True
             self._listener.close()
 
-    def _forget(self, peer: AcceptedPeer) -> None:
-        self._selector.unregister(peer.connection)
-        del self._greetings[peer.connection.fileno()]
+    def _forget(self, connection: Connection) -> None:
+        self._selector.unregister(connection)
+        del self._greetings[connection.fileno()]
 
     def _reject(self, peer: AcceptedPeer, reason: str) -> None:
         """Close the connection of a peer that is not the decoder, after the reason."""
-        self._forget(peer)
-        connection = peer.connection
-        peer.endpoint.send_failure(reason)
+        connection, endpoint = peer
+        self._forget(connection)
+        endpoint.send_failure(reason)
         with suppress(FeedbackError):
-            connection.send(peer.endpoint.bytes_to_send(), within_s=0.0)
+            connection.send(endpoint.bytes_to_send(), within_s=0.0)
         connection.close(0.0)
         self._num_rejected += 1
         if self._num_rejected <= MAX_LINES or self._num_rejected.bit_count() == 1:

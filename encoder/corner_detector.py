@@ -6,13 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.arrays import Integers
 from dvc.corners import SENT_WINDOW_PX, is_local_max, quick_corner_response, spaced
 from dvc.tracks import FeaturePoints
 from dvc.tracks.coding import column_scan
 from dvc.video.frames import Plane
 from encoder.encoder_report import TrackingWork, coding_time_s
-
-Points = NDArray[np.int64]
 
 _CANDIDATES = 20  # candidates per corner: those too near to stronger ones are dropped
 _SPARSE_GRID_PX = 4  # grid with a candidate at every position
@@ -38,7 +37,7 @@ distance spreads the corners over the scene."""
 
 def find_corners(
     luma: Plane, max_corners: int, margin_px: int, settings: CornerSettings | None = None
-) -> Points:
+) -> Integers:
     """Detect corners: windows with gradients in more than one direction."""
     settings = settings or CornerSettings()
     grid = settings.grid_px
@@ -59,14 +58,14 @@ def find_corners(
     return points[spaced(points, max_corners, min_distance_px)]
 
 
-def _strongest(response: NDArray[np.float32], worthy: NDArray[np.bool_], most: int) -> Points:
+def _strongest(response: NDArray[np.float32], worthy: NDArray[np.bool_], most: int) -> Integers:
     """Return the raster indices of the largest positive responses, largest first."""
     indices = np.flatnonzero(worthy)
     # Positive numbers are in the order of their bits; of equal ones the first index comes first.
     keys = response[worthy].view(np.int32).astype(np.int64) << 32
     keys -= indices
     keys.sort()
-    strongest: Points = -keys[: -most - 1 : -1] & 0xFFFFFFFF
+    strongest: Integers = -keys[: -most - 1 : -1] & 0xFFFFFFFF
     return strongest
 
 

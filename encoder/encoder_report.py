@@ -20,7 +20,7 @@ from dvc.config import CodecConfig
 from dvc.memory import peak_resident_bytes
 from dvc.stream import GopRecord
 from dvc.tracks import PointTracks
-from dvc.tracks.regression.regression_coding import NUM_FEATURES, NUM_NEIGHBOURS, ROW_FEATURES
+from dvc.tracks.regression._kernels import NUM_FEATURES, NUM_NEIGHBOURS, STRIDE
 from dvc.video import Frame
 from dvc.wynerziv.payloads import EncodedFrame
 from dvc.wynerziv.transform import BLOCK, NUM_BANDS, band_shape
@@ -30,8 +30,6 @@ TIMED_PARTS = ("key_cpu_s", "transform_cpu_s", "parity_cpu_s", "writing_cpu_s")
 """Fields with parts of the time of coding, besides tracking; the rest forms groups of pictures."""
 LARGE_SAMPLES, SMALL_SAMPLES = ((2 * half + 1) ** 2 for half in (HALF_BLOCK_PX, QUARTER_HALF_BLOCK_PX))
 """Samples of a block in images of full size, and of a quarter of it."""
-_VECTOR_PX = 8
-"""Samples of a row of a block that are compared at once."""
 
 
 def coding_time_s() -> float:
@@ -158,7 +156,7 @@ class EncoderStatistics:
             "transform": transform(num_samples * self.num_transformed, self.num_transformed),
             "quantiser and planes": quantisation(num_samples / NUM_BANDS * self.num_coded_bands),
             "corners": corners(width * height * work.num_starts),
-            "block matching": compared + spatial_candidates().times(work.num_pairs),
+            "block matching": compared + SPATIAL_CANDIDATES.times(work.num_pairs),
             "coding of tracks": regression(work.num_positions),
             "interpolation": interpolation(work.num_interpolated, work.num_near),
         }
@@ -211,15 +209,14 @@ def quantisation(num_coefficients: float) -> Operations:
 
 
 def block_comparison(half_side_px: int = HALF_BLOCK_PX) -> Operations:
-    """Count the sum of absolute differences of a block, in vectors that overlap in the middle of each row."""
+    """Count the SAD of a block, in vectors of 8 samples that overlap in the middle of each row."""
     rows = 2 * half_side_px + 1
     pair = Operations(adds=2 * 2, compares=2, logic=2, bytes=4)
-    return pair.times(_VECTOR_PX * rows)
+    return pair.times(8 * rows)
 
 
-def spatial_candidates() -> Operations:
-    """Count the offer of the motion of a matched point to another one."""
-    return Operations(adds=2 + 1 + 1, multiplies=2, logic=1, compares=1, bytes=4 * 4 + 2 * 8)
+SPATIAL_CANDIDATES = Operations(adds=2 + 1 + 1, multiplies=2, logic=1, compares=1, bytes=4 * 4 + 2 * 8)
+"""Offer of the motion of a matched point to another one."""
 
 
 def corners(num_samples: float) -> Operations:
@@ -246,11 +243,11 @@ def predicted_positions(tracks: PointTracks) -> int:
 def regression(num_positions: float) -> Operations:
     """Count the prediction of positions by recursive least squares, and the update after each."""
     products = Operations(multiplies=1, adds=1, bytes=2 * 8)
-    gain = products.times((ROW_FEATURES + 1) * NUM_FEATURES) + Operations(compares=1, bytes=8 * ROW_FEATURES)
+    gain = products.times((STRIDE + 1) * NUM_FEATURES) + Operations(compares=1, bytes=8 * STRIDE)
     bounded = Operations(multiplies=2, compares=1, bytes=3 * 8).times(NUM_FEATURES)
     limited = Operations(multiplies=1, adds=1, compares=2, bytes=2 * 8).times(2)
     coefficients = (Operations(multiplies=1, bytes=8) + limited).times(NUM_FEATURES)
-    covariance = Operations(multiplies=2, adds=1, bytes=4 * 8).times(ROW_FEATURES * NUM_FEATURES)
+    covariance = Operations(multiplies=2, adds=1, bytes=4 * 8).times(STRIDE * NUM_FEATURES)
     fit = Operations(multiplies=2, adds=2, bytes=3 * 8).times(NUM_FEATURES) + Operations(bytes=2 * 8)
     neighbours = (fit + Operations(adds=6, multiplies=3, bytes=33)).times(NUM_NEIGHBOURS)
     features = Operations(adds=4, multiplies=7, bytes=7 * 8 + 3 * 7 * 8)

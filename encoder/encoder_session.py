@@ -51,7 +51,7 @@ class CodingClock:
     def begin_stream(self) -> None:
         """Start a stream at the next frame; it continues the clock of the last one."""
         if self._zero is not None:
-            self._zero += self._last - self._planned(-1)
+            self._zero += self._last - planned_tick(-1, self._ticks_per_frame)
         self._num_frames = 0
 
     def deviations(self, frames: Sequence[Frame]) -> Deviations | None:
@@ -68,15 +68,12 @@ class CodingClock:
         length, unit = self._ticks_per_frame.as_integer_ratio()
         if all(abs(unit * tick - length * n) < unit for n, tick in zip(numbers, ticks, strict=True)):
             return None
-        late = (tick - self._planned(number) for number, tick in zip(numbers, ticks, strict=True))
-        return Deviations(self._ticks_per_second, tuple(late))
-
-    def _planned(self, number: int) -> int:
-        return planned_tick(number, self._ticks_per_frame)
+        planned = (planned_tick(number, self._ticks_per_frame) for number in numbers)
+        return Deviations(self._ticks_per_second, tuple(map(operator.sub, ticks, planned)))
 
     def _tick(self, number: int, frame: Frame) -> int:
         """Return the tick of a frame; if the clock of the source jumps, the usual interval after the last."""
-        planned, before = self._planned(number), self._planned(number - 1)
+        planned, before = (planned_tick(n, self._ticks_per_frame) for n in (number, number - 1))
         if number == 0 or self._zero is None:
             self._last = before
         usual = planned + self._last - before
@@ -169,7 +166,6 @@ class EncoderSession:
             tracker = PointTracker(tracks.num_points, tracks.subpixel_bits, tracking, work)
             rule = rule or preset.key_frames
             self._group_coder = TrackedGroups(config, rule, max_tracks_bpp, tracker, self._spacing)
-        self._num_groups = 0
         self._num_chained = 0  # frames since the last IDR picture; 0 if the next key frame is one
         self._clock = clock or CodingClock(config.video.frame_rate)
         self._clock.begin_stream()
@@ -230,7 +226,6 @@ class EncoderSession:
         )
         if self._spacing is not None:
             self._spacing.update(key, coded.qp, record.num_frames if self.config.key.predicted else 0)
-        self._num_groups += 1
         self._num_chained = self._num_chained + record.num_frames if key.predicted else 1
         statistics.add_group(frames, record)
         return EncodedGroup(record, frames)

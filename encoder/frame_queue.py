@@ -4,28 +4,17 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Self
 
-from dvc import cli
 from dvc.errors import PartialOutputError, VideoError
 from dvc.video import Frame
 
 MAX_CLOSING_S = 1.0
 """Longest wait for a read of the source to end; a pipe or a camera may never send again."""
-MAX_FRAMES = 64
-"""Default length of the queue: about two seconds of video."""
-MAX_PX = 1 << 27
-"""Default bound of the pixels in the queue: 64 frames of 1920x1080, 200 MB."""
 MAX_NAMED_GAPS = 10_000
 """Number of gaps that are listed by frame numbers; further gaps are only counted."""
-
-
-def default_frames(num_px: int, group_length: int) -> int:
-    """Return the default length of a queue of frames of a size, at least one group."""
-    return max(group_length, min(MAX_FRAMES, MAX_PX // num_px))
 
 
 @dataclass
@@ -189,11 +178,8 @@ class InputFrames:
         finally:
             self._waiting = False
 
-    def stopping_at_signals(self) -> AbstractContextManager[None]:
-        """End the frames at an interrupt or SIGTERM like at the end of the source; a second one aborts."""
-        return cli.stopping_at_signals(self._stop)
-
-    def _stop(self) -> None:
+    def stop(self) -> None:
+        """End the frames like at the end of the source; for `dvc.cli.stopping_at_signals`."""
         self.stopped = True
         if self._waiting:
             raise KeyboardInterrupt

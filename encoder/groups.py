@@ -97,7 +97,7 @@ class TrackedGroups(FixedGroups):
 
     def groups(self, frames: Iterable[Frame]) -> Iterator[Group]:
         """Yield the groups of a sequence."""
-        tracker, source = self._tracker, iter(frames)
+        tracker, rule, source = self._tracker, self._rule, iter(frames)
         if (first := next(source, None)) is None:
             return
         yield Group((), first)
@@ -113,17 +113,26 @@ class TrackedGroups(FixedGroups):
             too_far = self._spacing is not None and self._spacing.is_too_far(lumas, tracker)
             if too_far and len(self._waiting) == 2:
                 yield Group((), self._waiting.pop(0))
-            if too_far or self._is_due():
-                yield self._close(begins_scene=self._is_cut())
+            length, is_cut = len(self._waiting), self._is_cut()
+            is_long = tracker.longest_px >= rule.longest_track_px or tracker.lost_share >= rule.lost_share
+            if too_far or is_cut or length >= min(self._length, rule.min_length if is_long else self._length):
+                yield self._close(begins_scene=is_cut)
         if self._waiting:
             yield self._close()
 
     def payload(self, group: Group) -> bytes:
-        """Return the coded tracks that are worth their bits and within the budget."""
+        """Return the coded tracks that are worth their bits, or as many as the budget allows."""
         assert group.tracks is not None
-        tracks = worthwhile(group.tracks, self._config)
+        config, tracks = self._config, worthwhile(group.tracks, self._config)
         self._tracker.work.num_positions += predicted_positions(tracks)
-        return encode_within_budget(tracks, self._config, self._max_tracks_bpp)
+        max_bits = self._max_tracks_bpp * config.video.width * config.video.height
+        max_bits *= tracks.num_instants - 2
+        payload = encode_tracks(tracks, config)
+        while 8 * len(payload) > max_bits and len(tracks) > MIN_TRACKS:
+            count = min(int(0.95 * len(tracks) * max_bits / (8 * len(payload))), len(tracks) - 1)
+            tracks = thinned(tracks, max(count, MIN_TRACKS))
+            payload = encode_tracks(tracks, config)
+        return payload
 
     def _close(self, begins_scene: bool = False) -> Group:
         """Return a group of all waiting frames."""
@@ -135,19 +144,9 @@ class TrackedGroups(FixedGroups):
     def _is_cut(self) -> bool:
         return self._tracker.last_lost_share >= self._rule.cut_share
 
-    def _is_due(self) -> bool:
-        length, rule, tracker = len(self._waiting), self._rule, self._tracker
-        if length >= self._length or self._is_cut():
-            return True
-        is_long = tracker.longest_px >= rule.longest_track_px or tracker.lost_share >= rule.lost_share
-        return length >= rule.min_length and is_long
-
 
 def worthwhile(tracks: PointTracks, config: CodecConfig) -> PointTracks:
-    """Keep tracks that are farther apart at coarser qualities: a bit costs more there.
-
-    The longest tracks are chosen first, then the strongest.
-    """
+    """Keep tracks that are worth their bits, farther apart at coarser qualities; the longest come first."""
     qp, num_pixels = config.wyner_ziv.qp, config.video.width * config.video.height
     share = math.sqrt(num_pixels / FULL_PIXELS) * math.exp2((FULL_QP - qp) / 6)
     count = max(round(FULL_COUNT * share), MIN_TRACKS)
@@ -158,17 +157,6 @@ def worthwhile(tracks: PointTracks, config: CodecConfig) -> PointTracks:
     forward = forward[spaced(forward[:, 0], count, distance_px)]
     backward = backward[spaced(backward[:, -1], int(NEW_PER_TRACK * count), distance_px)]
     return PointTracks(np.concatenate([forward, backward]), len(backward))
-
-
-def encode_within_budget(tracks: PointTracks, config: CodecConfig, max_bpp: float) -> bytes:
-    """Encode the tracks of a group, or as many as the budget of the frames between its ends allows."""
-    max_bits = max_bpp * config.video.width * config.video.height * (tracks.num_instants - 2)
-    payload = encode_tracks(tracks, config)
-    while 8 * len(payload) > max_bits and len(tracks) > MIN_TRACKS:
-        count = min(int(0.95 * len(tracks) * max_bits / (8 * len(payload))), len(tracks) - 1)
-        tracks = thinned(tracks, max(count, MIN_TRACKS))
-        payload = encode_tracks(tracks, config)
-    return payload
 
 
 def thinned(tracks: PointTracks, count: int) -> PointTracks:

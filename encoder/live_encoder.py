@@ -10,7 +10,7 @@ from fractions import Fraction
 import numpy as np
 
 from dvc.errors import BitstreamError, ConnectionLostError, DvcError, FeedbackError
-from dvc.feedback import GopDone
+from dvc.feedback import GopDone, max_open_gops
 from dvc.slepian_wolf import RequestTable, plane_coder
 from dvc.slepian_wolf.requests import COUNT, SLOT
 from dvc.video import Frame
@@ -146,7 +146,8 @@ class _LiveEncoder:
     def _connect(self, peer: AcceptedPeer) -> None:
         self.connection, self._endpoint = peer
         self._ended = False
-        config, num_slots = self._session.config, self._endpoint.num_slots
+        config = self._session.config
+        num_slots = max_open_gops(config) * config.gop.length
         self._buffer = EncoderBuffer(FrameLayout.of(config), plane_coder(config), num_slots)
         self._num_bits = np.zeros(num_slots, np.int64)  # requested, by slot
         self._progressed_s = time.monotonic()
@@ -247,27 +248,23 @@ class _LiveEncoder:
         self._pace.done(group.num_frames)
         self._progress(group.num_frames)
 
-    def _next_group(self) -> _SentGroup | None:
-        """Return the next group of the sequence, if there is one."""
-        if self._again:
-            return self._again.popleft()
-        if (group := next(self._source, None)) is None:
-            return None
-        encoded = self._session.encode(group)
-        sent = _SentGroup(self._num_groups, self._num_frames, encoded.record.num_frames, encoded)
-        self._open[sent.number] = sent
-        self._num_groups, self._num_frames = sent.number + 1, sent.first_frame + sent.num_frames
-        self._first_frames[self._num_groups] = self._num_frames
-        self._pace.sent(sent.num_frames)
-        return sent
-
     def _send_group(self) -> None:
-        group = self._next_group()
-        self._progressed_s = time.monotonic()  # the source may have taken long
-        if group is None:
+        """Send the next group of the sequence, if there is one."""
+        if self._again:
+            group = self._again.popleft()
+        elif (following := next(self._source, None)) is None:
+            self._progressed_s = time.monotonic()
             self._endpoint.send_end()
             self._ended = True
             return
+        else:
+            encoded = self._session.encode(following)
+            group = _SentGroup(self._num_groups, self._num_frames, encoded.record.num_frames, encoded)
+            self._open[group.number] = group
+            self._num_groups, self._num_frames = group.number + 1, group.first_frame + group.num_frames
+            self._first_frames[self._num_groups] = self._num_frames
+            self._pace.sent(group.num_frames)
+        self._progressed_s = time.monotonic()  # the source may have taken long
         with self._session.statistics.timing("writing_cpu_s"):
             _, slot = self._endpoint.send_gop(group.encoded.record)
         group.slots = range(slot, slot + len(group.encoded.frames))

@@ -176,7 +176,6 @@ class PointTracker:
         self._subpixel_bits = subpixel_bits
         self._settings = settings or PointTrackerSettings()
         self._last_moved = np.empty((0, 2), np.int64)  # motion of live points into the last frame with any
-        self._num_before = 0
         self.work = TrackingWork() if work is None else work
 
     def start(self, luma: Plane) -> None:
@@ -187,7 +186,7 @@ class PointTracker:
         median = np.sort(moved, axis=0)[len(moved) // 2] if len(moved) else moved.sum(axis=0)
         velocity = np.tile(median, (count, 1))
         self._matching = BlockMatchingTracker(points, velocity, self._subpixel_bits, self._settings)
-        self._num_before = count
+        self._num_before = count  # live points before the last frame
         self.work.num_corners += count
         self.work.num_starts += 1
         self.work.cpu_s += coding_time_s() - started

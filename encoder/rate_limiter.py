@@ -115,7 +115,7 @@ class RateLimiter:
         """Plan the coding of the next group, which takes some bits besides its frames.
 
         An IDR picture may be tried at any quality. A predicted key frame is coded once, at the quality that
-        suits its expected bits; the quality of the other frames corrects for its real ones.
+        suits its expected bits, and as an IDR picture if it is too large; the other frames correct for it.
         """
         num_frames, bucket = len(group.wyner_ziv) + 1, self._bucket
         quality, outlook, key = self._usual, None, None
@@ -123,7 +123,12 @@ class RateLimiter:
             if bucket is not None:
                 outlook, _ = yield from self._search(bucket.outlook(num_frames), group, None, False, num_bits)
                 quality = outlook
-            key = yield from self._predicted_key(quality.qp)
+            qp = quality.qp
+            while (expected := self._predicted.bits(qp)) > self._max_bits and qp < MAX_QP:
+                qp = coarser_qp(qp, expected, self._max_bits)
+            key = _CodedKey((yield CodeKey(qp, begins_chain=False)), qp, fits=True)
+            if key.num_bits > self._max_bits:
+                key = yield from self._idr_picture(qp)
         trial = None
         if bucket is not None:
             choice = bucket.choose(num_frames, outlook)
@@ -169,14 +174,6 @@ class RateLimiter:
             if key.fits or qp >= MAX_QP:
                 return key
             qp = coarser_qp(qp, key.num_bits, self._max_bits)
-
-    def _predicted_key(self, qp: int) -> Plan[_CodedKey]:
-        """Code the key frame, predicted; as a coarser IDR picture if it turns out too large."""
-        while (num_bits := self._predicted.bits(qp)) > self._max_bits and qp < MAX_QP:
-            qp = coarser_qp(qp, num_bits, self._max_bits)
-        picture: KeyPicture = yield CodeKey(qp, begins_chain=False)
-        key = _CodedKey(picture, qp, fits=True)
-        return key if key.num_bits <= self._max_bits else (yield from self._idr_picture(qp))
 
     def _allowed(self, frames: Sequence[EncodedFrame]) -> list[float]:
         """Return the bits that a decoder may request for each frame, if headers state them."""

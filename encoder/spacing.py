@@ -31,18 +31,10 @@ CLOSE_SHARE = 0.15
 of the distance."""
 
 
-def quantizer_step(qp: int) -> float:
-    """Return the step of an H.264 quantiser."""
-    return float(0.625 * 2.0 ** (qp / 6.0))
-
-
 def interpolation_error(
     frame: Plane, around: tuple[Plane, Plane], positions: NDArray[np.float64], work: TrackingWork
 ) -> float:
-    """Return the mean squared difference between a frame and the mean of the two around it.
-
-    `positions` (N, 3, 2) are positions of points in the frame, before it and after it.
-    """
+    """Return the squared error of the mean of two frames; `positions` (N, 3, 2) are now, before and after."""
     height, width = frame.shape
     spacing = max(SPACING_PX, isqrt(height * width // MANY_BLOCKS))
     error, count = _kernels.interpolation_error(
@@ -65,7 +57,8 @@ class Spacing:
         bits = 8.0 * len(key.data)
         if distance:
             bits *= sqrt(2.0 / distance) if key.predicted else CLOSE_SHARE
-        self._cost = quantizer_step(qp) ** 2 * bits
+        step = 0.625 * 2.0 ** (qp / 6.0)  # of an H.264 quantiser
+        self._cost = step**2 * bits
 
     def is_too_far(self, frames: Sequence[Plane], tracker: PointTracker) -> bool:
         """Return whether a group with these frames, after the first one, is too long for prediction."""

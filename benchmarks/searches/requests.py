@@ -89,7 +89,7 @@ def row(runs: list[Run], percent: int) -> str:
     found = list(reconciled(runs, CascadeConfig(percent)))
     spent_ms = 1e3 * (time.process_time() - started)
     paid = sum(result.parity_bits + result.crc_bits for _, result in found)
-    llrs = (r.llr if r.coupling is None else r.coupling.llr_in_sequence(r.bits) for r in runs)
+    llrs = (r.llr if r.coupling is None else r.coupling.llr_given(r.bits, causal=True) for r in runs)
     ideal = sum(ideal_bits(bounded_llr(llr), r.bits) for llr, r in zip(llrs, runs, strict=True))
     wrong = sum(not np.array_equal(run.bits, result.bits) for run, result in found)
     requests = sum(result.num_requests for _, result in found)

@@ -6,10 +6,8 @@ from dvc.entropy.range_coder import FAILED, CoderState, code_decision
 
 NUM_EXPONENTS = 12
 """Contexts of exponents, and as many of mantissas; larger exponents share the last."""
-
 MAX_EXPONENT = 24
 """Magnitudes are below 2^25 - 1."""
-
 MAX_DECISIONS = 2 + 2 * MAX_EXPONENT
 """Most decisions of a number."""
 

@@ -27,9 +27,6 @@ _WORD_BITS, _MIN_RANGE, _LAST_WORD = np.uint64(32), np.uint64(2**32), np.uint64(
 _PRECISION, _TOTAL = np.uint64(24), np.uint64(2**24)
 _FREE_WEIGHT = 2.0**24 - 2  # weight of the parts, as either decision has one in any case
 
-MAX_BOUND = 2**24
-"""Largest number of values of `code_uniform`."""
-
 
 class CoderState(NamedTuple):
     """State of a coder for compiled functions.
@@ -190,7 +187,7 @@ def code_uniform(coder: CoderState, bound: int, value: int) -> int:
     coder : CoderState
         Where to write or to read.
     bound : int
-        At least 1, where nothing is coded, at most `MAX_BOUND`.
+        At least 1, where nothing is coded, at most 2^24.
     value : int
         The number, from 0 to ``bound - 1``; of no meaning when reading.
 

@@ -76,6 +76,10 @@ class _Endpoint(ABC):
             while (message := self._next_message()) is not None:
                 if isinstance(message, Failure):
                     raise RefusedError(f"the other side ended the run: {message.text}")
+                if isinstance(message, Hello | Welcome) and message.version != PROTOCOL_VERSION:
+                    raise ValueError(
+                        f"protocol version {message.version}; this program speaks version {PROTOCOL_VERSION}"
+                    )
                 events += self._accept(message)
         except (FeedbackError, BitstreamError, ValueError) as err:
             self._failed = True
@@ -117,11 +121,6 @@ class _Endpoint(ABC):
     def _accept(self, message: Message) -> Sequence[Event]:
         """Check a message of the peer against the state and update it; return the events."""
 
-    @staticmethod
-    def _check_version(version: int) -> None:
-        if version != PROTOCOL_VERSION:
-            raise ValueError(f"protocol version {version}; this program speaks version {PROTOCOL_VERSION}")
-
     def _finish(self) -> None:
         """Accept that the whole sequence is written."""
         if not self.flow.all_done:
@@ -159,15 +158,9 @@ class EncoderEndpoint(_Endpoint):
         self.hello: Hello | None = None
         self._requests: RequestAccount  # large, so only of a decoder that is accepted
 
-    @property
-    def num_slots(self) -> int:
-        """Largest number of open frames."""
-        return self._requests.num_slots
-
     def _accept(self, message: Message) -> Sequence[Event]:
         match message:
             case Hello():
-                self._check_version(message.version)
                 self.hello, self._accepted = message, ()
                 return [message]
             case ParityRequests(table):
@@ -249,8 +242,7 @@ class DecoderEndpoint(_Endpoint):
                     raise BitstreamError("the last byte is not padded with zeros")
                 pairs = zip(table.rows[:, : RUN + 1].tolist(), table.divided(packed), strict=True)
                 return [ParityAnswer(frame, run, bits) for (frame, run), bits in pairs]
-            case Welcome(version, config):
-                self._check_version(version)
+            case Welcome(_, config):
                 self.config = decode_config(config)
                 self.flow, self.is_welcome = FlowControl(self.config, *self._first), True
                 self._accepted = (Gop, ParityAnswers, End, Finished, Failure)

@@ -129,16 +129,16 @@ class RequestAccount:
         self._rules = _kernels.Rules(
             config.gop.length, np.array([limits[kind] for kind in KINDS]), CRC_BITS, coder.num_codes
         )
-        self.num_slots = max_open_gops(config) * config.gop.length
-        runs = self.num_slots, MAX_RUNS
+        num_slots = max_open_gops(config) * config.gop.length
+        runs = num_slots, MAX_RUNS
         self._frames = _kernels.OpenFrames(
             np.zeros((max_open_gops(config), 2), np.int64),
             np.zeros((*runs, len(KINDS)), np.int32),
             np.zeros(runs, np.int32),
             np.zeros(runs, np.int32),
         )
-        self._num_runs = [0] * self.num_slots
-        self._begun = [0] * self.num_slots  # bit mask of the planes that are in a run
+        self._num_runs = [0] * num_slots
+        self._begun = [0] * num_slots  # bit mask of the planes that are in a run
         self._rows: dict[int, int] = {}  # rows of the table of open groups, by group number
         self._waiting: deque[RequestTable] = deque()
 

@@ -1,7 +1,5 @@
 """Cyclic redundancy checks over bit planes, all planes of a frame together."""
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,39 +22,25 @@ def crc_words(words: NDArray[np.uint64], num_bits: int) -> NDArray[np.uint64]:
 
 def crc(bits: NDArray[np.uint8], num_bits: int) -> NDArray[np.uint8]:
     """Compute the check bits of every plane."""
-    planes = np.atleast_2d(bits)
-    planes = planes.reshape(-1, planes.shape[-1])
-    checks = by_words(planes, lambda words: crc_words(words, num_bits), num_bits)
-    return checks.reshape(*np.shape(bits)[:-1], num_bits)
+    if not isinstance(bits, np.ndarray) or bits.dtype != np.uint8:
+        raise TypeError(f"`bits` must be an array of uint8, got {getattr(bits, 'dtype', type(bits))}")
+    if bits.ndim < 1 or bits.shape[-1] < 1:
+        raise ValueError(f"`bits` must have shape (..., bits >= 1), got {bits.shape}")
+    if bits.size and bits.max() > 1:
+        raise ValueError(f"`bits` must hold 0 and 1 only, got {bits.max()}")
+    planes = bits.reshape(-1, bits.shape[-1])
+    checks = np.empty((len(planes), num_bits), np.uint8)
+    words, positions = np.empty(planes.shape[1], np.uint64), np.arange(num_bits, dtype=np.int32)
+    for first in range(0, len(planes), 64):
+        _kernels.pack_words(planes[first : first + 64], words)
+        _kernels.gather_bits(crc_words(words, num_bits), positions, checks[first : first + 64])
+    return checks.reshape(*bits.shape[:-1], num_bits)
 
 
 def joint_check(checks: NDArray[np.uint8] | NDArray[np.uint64]) -> NDArray[np.uint8]:
     """Return check bits of several planes together."""
     words = checks.astype(np.uint64, copy=False).ravel()
     return crc_words(words, checks.shape[1]).astype(np.uint8)
-
-
-def by_words(
-    bits: NDArray[np.uint8],
-    function: Callable[[NDArray[np.uint64]], NDArray[np.uint64]],
-    num_results: int | None = None,
-) -> NDArray[np.uint8]:
-    """Apply to bit planes what works on 64 of them at once."""
-    if not isinstance(bits, np.ndarray) or bits.dtype != np.uint8:
-        raise TypeError(f"`bits` must be an array of uint8, got {getattr(bits, 'dtype', type(bits))}")
-    if bits.ndim != 2 or bits.shape[1] < 1:
-        raise ValueError(f"`bits` must have shape (planes, bits >= 1), got {bits.shape}")
-    if bits.size and bits.max() > 1:
-        raise ValueError(f"`bits` must hold 0 and 1 only, got {bits.max()}")
-    num_results = bits.shape[1] if num_results is None else num_results
-    results = np.empty((bits.shape[0], num_results), np.uint8)
-    words = np.empty(bits.shape[1], np.uint64)
-    positions = np.arange(num_results, dtype=np.int32)
-    for first in range(0, bits.shape[0], 64):
-        group = slice(first, min(first + 64, bits.shape[0]))
-        _kernels.pack_words(bits[group], words)
-        _kernels.gather_bits(function(words), positions, results[group])
-    return results
 
 
 def random_keys(seed: int, count: int) -> NDArray[np.uint64]:

@@ -98,15 +98,8 @@ class NeighbourCoupling:
         found[self.places] = probability - self.base_probability.ravel()[self.places]
         return found.reshape(self.base.shape)
 
-    def llr_given(self, probability: NDArray[np.floating]) -> NDArray[np.float32]:
-        """Return the LLR of each bit given the beliefs of its neighbours."""
-        return self._llr(probability, causal=False)
-
-    def llr_in_sequence(self, bits: Bits) -> NDArray[np.float32]:
-        """Return the LLR of each bit, given those before it in raster order: such that they make a code."""
-        return self._llr(bits, causal=True)
-
-    def _llr(self, probability: NDArray[np.floating] | Bits, causal: bool) -> NDArray[np.float32]:
+    def llr_given(self, probability: NDArray[np.floating] | Bits, causal: bool) -> NDArray[np.float32]:
+        """Return the LLR of each bit, given its neighbours or only those before it in raster order."""
         llr = np.empty_like(self.base)
         _kernels.add_neighbours(self.lattice, self.deviation(probability), causal, llr)
         return llr.ravel()[self.places].astype(np.float32)

@@ -46,8 +46,6 @@ class FrameCheck:
 
 
 PlaneCoroutine = Generator[ParityRequest, Bits, PlaneResult]
-
-
 Words = NDArray[np.uint64]
 
 
@@ -77,13 +75,7 @@ class PlaneDecoder(Protocol):
         """
 
     def check(self, frame: int) -> Generator[ParityRequest, Bits, FrameCheck]:
-        """Check the planes of a frame together, and correct those that are wrong, as a coroutine.
-
-        Parameters
-        ----------
-        frame : int
-            Index of the frame.
-        """
+        """Check the planes of a frame together, and correct those that are wrong, as a coroutine."""
 
 
 class PlaneCoder(Protocol):
@@ -105,23 +97,7 @@ class PlaneCoder(Protocol):
     def by_positions(self) -> bool: ...
 
     def encode(self, code: int, words: Words, parity: Words) -> None:
-        """Compute one kind of parity of up to 64 planes, bit p of each word that of plane p.
-
-        Parameters
-        ----------
-        code : int
-            Index of the kind.
-        words : ndarray of shape (N,), uint64
-            The planes.
-        parity : ndarray of shape (N,), uint64
-            Receives their parity, in order of release.
-        """
+        """Write one kind of parity of up to 64 planes in order of release; bit p of a word is of plane p."""
 
     def decoder(self, num_bits: int) -> PlaneDecoder:
-        """Return a decoder of the planes of a frame.
-
-        Parameters
-        ----------
-        num_bits : int
-            Length N of whole planes.
-        """
+        """Return a decoder of the planes of a frame; whole planes have `num_bits`."""

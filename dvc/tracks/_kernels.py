@@ -33,9 +33,6 @@ class Models(NamedTuple):
     losses: NDArray[np.float64]  # tracks that were lost, and all, in each context
 
 
-# ---- positions ----
-
-
 @kernel
 def set_units(positions, scale, sides, units):
     """Round positions (P, 2) to units, `LOST` if they are not known; return whether all are in the frame."""
@@ -58,9 +55,6 @@ def is_lost_for_good(units):
             if units[i, t - 1, 0] == LOST and units[i, t, 0] != LOST:
                 return False
     return True
-
-
-# ---- point sets ----
 
 
 @kernel
@@ -135,9 +129,6 @@ def code_points(coder, points, num_columns, num_rows, distance):
                 row += 1
         points[k, 1] = row
     return True
-
-
-# ---- first positions of tracks ----
 
 
 @kernel
@@ -248,9 +239,6 @@ def spread_order(count):
             order[index] = number
             index += 1
     return order
-
-
-# ---- residuals ----
 
 
 @inlined_kernel

@@ -17,7 +17,6 @@ from dvc.wynerziv import _kernels
 from dvc.wynerziv.quantizer import power_of_two
 
 Array = NDArray[np.float64]
-NoiseModel = Callable[[Array], Array]
 
 MIN_SCALE = 0.3
 """Smallest scale: the rounding of samples has about this error."""
@@ -59,7 +58,7 @@ def _local_scale(residual: Array) -> Array:
     return MIN_SCALE + 0.3 * band + 0.5 * neighbourhood + 0.3 * magnitude
 
 
-MODELS: dict[str, NoiseModel] = {
+MODELS: dict[str, Callable[[Array], Array]] = {
     "frame": _frame_scale,
     "band": _band_scale,
     "coefficient": _coefficient_scale,

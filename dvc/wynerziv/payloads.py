@@ -52,7 +52,8 @@ class EncodedFrame:
             planes = quantizer.embedded_planes(extremes, step)
             quantization = quantizer.quantization_of_step(step_index, tuple(planes.tolist()))
             words = np.zeros((quantization.num_words, layout.num_bits), np.uint64)
-            _kernels.pack_uniform(core, scale, step, quantizer.embedded_origins(planes), planes, words)
+            origins = quantizer.ORIGINS[np.arange(transform.NUM_BANDS), planes]
+            _kernels.pack_uniform(core, scale, step, origins, planes, words)
             return cls(layout, quantization, words)
         counts, ends = layout.max_planes, extremes * scale[:, None]
         indices = {

@@ -101,21 +101,17 @@ def embedded_edges(band: int, planes: int, step: float) -> NDArray[np.float64]:
     return (numbers - embedded_origin(band, planes)) * step
 
 
-_ORIGINS = np.array(
+ORIGINS = np.array(
     [[embedded_origin(band, planes) for planes in range(MAX_BAND_PLANES + 1)] for band in range(NUM_BANDS)]
 )
+"""`embedded_origin` by band and number of planes."""
 
 
 def embedded_planes(extremes: NDArray[np.int16], step: float) -> NDArray[np.int64]:
     """Return how many planes hold all values of each band, before it is scaled, in embedded bins."""
     planes = np.empty(NUM_BANDS, np.int64)
-    _kernels.count_planes(extremes, transform.BAND_SCALE, _ORIGINS, step, planes)
+    _kernels.count_planes(extremes, transform.BAND_SCALE, ORIGINS, step, planes)
     return planes
-
-
-def embedded_origins(planes: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return `embedded_origin` of all bands."""
-    return _ORIGINS[np.arange(NUM_BANDS), planes]
 
 
 def prefix_borders(

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from argparse import Namespace
 from collections.abc import Iterator
 from fractions import Fraction
 from itertools import groupby, pairwise
@@ -11,8 +12,9 @@ import pytest
 from dvc.config import Live, ParityBuffer, VideoConfig, codec_config
 from dvc.errors import VideoError
 from dvc.video import Frame
+from encoder.__main__ import _queue
 from encoder.encoder_session import EncoderSession
-from encoder.frame_queue import FrameQueue, PacedFrames, default_frames
+from encoder.frame_queue import FrameQueue, PacedFrames
 from tests.clips import moving_texture
 from tests.waiting import Clock, wait_until
 
@@ -104,9 +106,15 @@ def test_what_the_source_fails_with_comes_after_its_frames() -> None:
 
 def test_large_frames_take_no_more_memory_unless_a_group_does() -> None:
     """By default 64 frames wait, 16 of four times 1920x1080, never less than a group."""
-    assert default_frames(352 * 288, 16) == default_frames(1920 * 1080, 16) == 64
-    assert default_frames(3840 * 2160, 8) == 16
-    assert default_frames(7680 * 4320, 16) == 16
+
+    def length(width: int, height: int, group_length: int) -> int:
+        codec = codec_config(VideoConfig(width, height, 25, 1), gop={"length": group_length})
+        paced = PacedFrames([], Fraction(25))
+        return _queue(paced, Namespace(queue=None, leave_out=False), codec)._max_frames
+
+    assert length(352, 288, 16) == length(1920, 1080, 16) == 64
+    assert length(3840, 2160, 8) == 16
+    assert length(4096, 4096, 16) == 16
 
 
 def test_a_silent_source_holds_up_nobody(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,6 @@
 """Serving a decoder: lost connections, and peers that ask for what there is not."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any, cast
@@ -16,7 +16,7 @@ from dvc.slepian_wolf import ParityRequest, Part
 from dvc.video import Frame
 from dvc.wynerziv.areas import Areas
 from encoder import live_encoder
-from encoder.acceptor import AcceptedPeer, FirstFrame, PeerAcceptor
+from encoder.acceptor import AcceptedPeer, PeerAcceptor
 from encoder.encoder_session import EncoderSession
 from encoder.live_encoder import DecoderPace, serve
 from encoder.rate_limits import RateLimits
@@ -38,7 +38,9 @@ class Decoder:
         self._lasts, self._done = lasts, done
         self.records: list[Gop] = []
 
-    def accepted(self, session: EncoderSession, first_frame: FirstFrame = {0: 0}.get) -> AcceptedPeer:
+    def accepted(
+        self, session: EncoderSession, first_frame: Callable[[int], int | None] = {0: 0}.get
+    ) -> AcceptedPeer:
         """Exchange the hello and the welcome."""
         encoder = EncoderEndpoint(session.config)
         encoder.receive(self._endpoint.bytes_to_send())
@@ -89,7 +91,7 @@ class Peers(PeerAcceptor):
     """Connections that come one after the other; each continues where the one before says."""
 
     def __init__(self, session: EncoderSession, decoders: Sequence[Decoder]) -> None:
-        self.first_frame: FirstFrame = {0: 0}.get
+        self.first_frame: Callable[[int], int | None] = {0: 0}.get
         self._session, self._decoders = session, list(decoders)
 
     def next_peer(self, within_s: float | None = None) -> AcceptedPeer | None:

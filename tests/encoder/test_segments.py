@@ -15,6 +15,7 @@ from typing import BinaryIO, cast
 import numpy as np
 import pytest
 
+from dvc import cli
 from dvc.errors import BitstreamError, ConfigError, VideoError
 from dvc.stream import StreamReader
 from dvc.video import Frame
@@ -87,7 +88,7 @@ def test_signals_end_the_frames(number: signal.Signals) -> None:
                 yield Frame(np.zeros((2, 2), np.uint8))
 
         frames, given = InputFrames(source()), []
-        with frames.stopping_at_signals():
+        with cli.stopping_at_signals(frames.stop):
             for frame in frames:
                 given.append(frame)
                 if not waiting:

@@ -19,7 +19,6 @@ from encoder.spacing import (
     SPACING_PX,
     Spacing,
     interpolation_error,
-    quantizer_step,
 )
 from tests.clips import moving_texture
 from tests.reference import interpolation as reference
@@ -95,10 +94,10 @@ def error_of(frames: list[np.ndarray], tracker: PointTracker) -> float:
 def test_key_frames_lie_close_where_prediction_costs_more(last: int) -> None:
     """Just above what a key frame costs, and not just below it; nothing is decided of other lengths."""
     frames, tracker = clip_with(last + 1, last // 2)
-    bits = error_of(frames, tracker) * frames[0].size / COSTS[last] / quantizer_step(4) ** 2
+    bits = error_of(frames, tracker) * frames[0].size / COSTS[last] / 1.25**2
     for share, is_too_far in ((0.99, True), (1.01, False)):
         spacing = Spacing(TrackingWork())
-        spacing.update(KeyPicture(bytes(round(share * bits / 8)), True), 4, 2)
+        spacing.update(KeyPicture(bytes(round(share * bits / 8)), True), 6, 2)
         assert spacing.is_too_far(frames, tracker) is is_too_far
         assert not spacing.is_too_far(frames[:-1], tracker)
 
@@ -128,12 +127,11 @@ def test_nothing_is_too_far_without_an_error(last: int) -> None:
     ],
 )
 def test_cost_is_that_of_a_key_frame_two_frames_on(predicted: bool, distance: int, share: float) -> None:
-    """By what the last one took and from where it was predicted; intra pictures cost the same everywhere."""
+    """By what the last one took and from where it was predicted; intra pictures cost the same everywhere.
+
+    Steps of H.264 double every six QPs: 10 at 24.
+    """
     spacing = Spacing(TrackingWork())
-    spacing.update(KeyPicture(bytes(100), predicted), 28, distance)
-    assert spacing._cost == pytest.approx(quantizer_step(28) ** 2 * 800 * share)
-
-
-def test_steps_are_those_of_h264() -> None:
-    """Twice as large every six QPs: 10 at 24, as the standard has it."""
-    assert [quantizer_step(qp) for qp in (4, 10, 24)] == pytest.approx([1.0, 2.0, 10.0], rel=0.01)
+    for qp, step in ((24, 10.0), (12, 2.5)):
+        spacing.update(KeyPicture(bytes(100), predicted), qp, distance)
+        assert spacing._cost == pytest.approx(step**2 * 800 * share)

@@ -79,7 +79,7 @@ def test_spatial_candidates() -> None:
     tally, places = Tally(), RNG.integers(0, 200, (2, 9)).astype(np.int32)
     nearest_found = np.full(9, _kernels.UNKNOWN << 20)
     given = (*(Data(line, tally) for line in places), 2, 3, Data(nearest_found, tally))
-    assert counted(_kernels.offer_motion, tally, *given, scratch=False) == work.spatial_candidates().times(6)
+    assert counted(_kernels.offer_motion, tally, *given, scratch=False) == work.SPATIAL_CANDIDATES.times(6)
     assert (nearest_found[3:] < _kernels.UNKNOWN << 20).all()
 
 

@@ -16,25 +16,25 @@ from dvc.config import DiscoverMatrix, TurboConfig, VideoConfig, codec_config, e
 from dvc.errors import FeedbackError
 from dvc.feedback import (
     MAX_OPEN_GOPS,
-    PROTOCOL_VERSION,
     DecoderEndpoint,
     EncoderEndpoint,
-    End,
     Event,
     Failure,
     Gop,
     GopDone,
     Hello,
-    NextGop,
     ParityAnswer,
-    Welcome,
 )
 from dvc.feedback.messages import (
+    PROTOCOL_VERSION,
     TYPES,
+    End,
     Finished,
     Message,
+    NextGop,
     ParityAnswers,
     ParityRequests,
+    Welcome,
     encode_message,
     max_payload_bytes,
 )

@@ -59,7 +59,7 @@ def test_neighbours_are_added_as_in_the_plain_way(causal: bool, shape: tuple[int
     rng = np.random.default_rng(3)
     coupling = random_coupling(rng, shape, 1.5, share)
     belief = rng.integers(0, 2, shape).astype(np.uint8)
-    found = (coupling.llr_in_sequence if causal else coupling.llr_given)(belief.ravel()[coupling.places])
+    found = coupling.llr_given(belief.ravel()[coupling.places], causal)
     wanted = coupled_llr(coupling, belief.astype(np.float64), causal)
     np.testing.assert_allclose(found, wanted.ravel()[coupling.places], atol=2e-4)
 
@@ -67,7 +67,7 @@ def test_neighbours_are_added_as_in_the_plain_way(causal: bool, shape: tuple[int
 @pytest.mark.parametrize("share", [1.0, 0.5])
 def test_neighbours_as_expected_tell_nothing(share: float) -> None:
     coupling = random_coupling(np.random.default_rng(4), (4, 5), 2.0, share)
-    found = coupling.llr_given(coupling.base_probability.ravel()[coupling.places])
+    found = coupling.llr_given(coupling.base_probability.ravel()[coupling.places], causal=False)
     np.testing.assert_allclose(found, coupling.base.ravel()[coupling.places], atol=1e-5)
 
 
@@ -78,7 +78,7 @@ def test_lengths_in_sequence_are_those_of_a_code(share: float) -> None:
     total = 0.0
     for pattern in itertools.product((0, 1), repeat=coupling.places.size):
         bits = np.array(pattern, np.uint8)
-        llr = coupling.llr_in_sequence(bits).astype(np.float64)
+        llr = coupling.llr_given(bits, causal=True).astype(np.float64)
         total += float(np.prod(1.0 / (1.0 + np.exp(np.where(bits == 1, llr, -llr)))))
     assert total == pytest.approx(1.0, abs=1e-4)
 
@@ -97,11 +97,8 @@ def test_stacked_lattices_do_not_depend_on_each_other(
     beliefs = [rng.integers(0, 2, part.places.size, dtype=np.uint8) for part in parts]
     stacked = NeighbourCoupling.stacked(parts)
     assert stacked.places.size == sum(part.places.size for part in parts)
-    together = (stacked.llr_in_sequence if causal else stacked.llr_given)(np.concatenate(beliefs))
-    alone = [
-        (part.llr_in_sequence if causal else part.llr_given)(belief)
-        for part, belief in zip(parts, beliefs, strict=True)
-    ]
+    together = stacked.llr_given(np.concatenate(beliefs), causal)
+    alone = [part.llr_given(belief, causal) for part, belief in zip(parts, beliefs, strict=True)]
     np.testing.assert_array_equal(together, np.concatenate(alone))
     np.testing.assert_array_equal(
         stacked.base.ravel()[stacked.places],

@@ -16,13 +16,12 @@ from dvc.slepian_wolf import MAX_RUN_BITS, ParityRequest, Part, PlaneCoder, Requ
 from dvc.slepian_wolf.cascade.cascade_coder import CascadeCoder
 from dvc.slepian_wolf.cascade.posterior import bit_order
 from dvc.slepian_wolf.requests import FRAME, SLOT, Kind
-from dvc.slepian_wolf.turbo.turbo_encoder import CLASSICAL, encode_planes
 from dvc.wynerziv import _kernels, encoder_buffer
 from dvc.wynerziv.areas import SIDE, Areas
 from dvc.wynerziv.encoder_buffer import EncoderBuffer
 from dvc.wynerziv.payloads import EncodedFrame
 from dvc.wynerziv.quantizer import FrameLayout
-from tests.coders import coder_of
+from tests.coders import coder_of, encode_planes
 from tests.twins import Choose
 from tests.wynerziv.test_payloads import MATRICES, encoded_frame, layout_of, layouts, uncoded_planes
 
@@ -99,7 +98,7 @@ class PlainRuns:
         if request.kind == "crc":
             bits = self.check(request.frame, request.run)
         elif request.kind == "parity" and self.coder == "turbo":
-            bits = encode_planes(bits[None], CLASSICAL, 1)[0]
+            bits = encode_planes(bits[None], 1)[0]
         elif request.kind == "parity":
             orders = [bit_order(number, bits.size, 1) for number in range(request.code, NUM_CODES)]
             bits = np.concatenate([np.cumsum(bits[order]) % 2 for order in orders])

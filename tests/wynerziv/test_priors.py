@@ -81,7 +81,7 @@ def test_smooth_errors_are_told_by_neighbours() -> None:
         prior = priors.plane((0, 1), borders, predicted, scale, None, ALL)
         if number > 2:
             alone += code_length(prior.llr, bits)
-            coupled += code_length(prior.coupling.llr_in_sequence(bits), bits)
+            coupled += code_length(prior.coupling.llr_given(bits, causal=True), bits)
         priors.learn(prior, bits)
     assert coupled < 0.98 * alone
 
@@ -169,7 +169,7 @@ def test_some_blocks_are_known_as_all_are(band: int) -> None:
 
 
 def _is_sound(prior: PlanePrior) -> bool:
-    told = prior.coupling.llr_given(np.ones(prior.llr.size, np.float32))
+    told = prior.coupling.llr_given(np.ones(prior.llr.size, np.float32), causal=False)
     return bool(np.isfinite(told).all() and np.abs(prior.llr).max() <= 12.0)
 
 

@@ -149,10 +149,7 @@ def _note_beliefs(coupled, odds):
 
 @kernel
 def couple(beliefs, num_orders, lattice, coupled, scale, least_change):
-    """Update prior odds from the beliefs of neighbours, and mark the ranges that depend on them.
-
-    Return the number of changes, and the change of the errors that the prior expects.
-    """
+    """Update prior odds from beliefs of neighbours; return the number of changes, and the errors added."""
     prior, odds, ends = beliefs.prior, beliefs.odds, beliefs.ends
     columns = coupled.deviation.shape[1]
     count, more = 0, 0.0
@@ -240,9 +237,7 @@ def find_divisions(beliefs, num_orders, stop):
 
 @kernel
 def choose_divisions(beliefs, order, stop, max_bias, positions):
-    """Collect the divisions of an order, up to a position, with at most this bias; return how many, and
-    their information.
-    """
+    """Collect divisions of an order up to `stop` with at most this bias; return count and information."""
     last, bias = beliefs.last, beliefs.bias
     count, information = 0, 0.0
     start = np.int64(0)

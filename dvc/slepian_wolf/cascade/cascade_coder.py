@@ -13,13 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.config import CascadeConfig
-from dvc.slepian_wolf.cascade.posterior import (
-    NUM_ORDERS,
-    Positions,
-    Question,
-    RangePosterior,
-    prefix_parities,
-)
+from dvc.slepian_wolf.cascade import _kernels
+from dvc.slepian_wolf.cascade.posterior import NUM_ORDERS, Positions, RangePosterior, order_of_power
 from dvc.slepian_wolf.checks import CRC_BITS, crc, joint_check
 from dvc.slepian_wolf.coupling import NeighbourCoupling, bounded_llr, entropy_bits, ideal_bits
 from dvc.slepian_wolf.plane_protocol import FrameCheck, PlaneCoroutine, PlaneCost, PlaneResult, Words
@@ -84,10 +79,24 @@ class PlaneReconciliation:
 
     def _go_on(self, posterior: RangePosterior, exponent: int) -> PlaneCoroutine:
         while True:
-            question = self._next_question(posterior)
+            # Ask as long as answers are informative.
+            self._sweeps += posterior.propagate(SWEEPS, CHANGE)
+            if posterior.num_orders and posterior.couple():
+                self._sweeps += posterior.propagate(SWEEPS, CHANGE)
+            question = posterior.batch(*self._batch)
+            if not question and posterior.num_orders and posterior.rescale():
+                self._sweeps += posterior.propagate(SWEEPS, CHANGE)
+                question = posterior.batch(*self._batch)
+            question = question or posterior.new_order(RANGE_BIAS)
             if not question and (yield from self._accept(posterior, exponent)):
                 return self._result(posterior.decisions)
-            question = question or self._last_question(posterior)
+            # Little can be learned, but the plane is not right yet.
+            if not question and posterior.expected_errors > UNSURE_ERRORS:
+                question = posterior.best_divisions()
+            if not question:  # beliefs are wrong but sure, so that they cannot say where to ask
+                self._restarts += 1
+                posterior.restart()
+                question = posterior.partition(min(FIRST_PARTITION << self._restarts, self._llr.size))
             size = sum(positions.size for _, positions in question)
             if not question or self._num_parity + size > self._llr.size:
                 return (yield from self._fetch())
@@ -100,27 +109,6 @@ class PlaneReconciliation:
                 start, stop = stop, stop + positions.size
                 self._answers.append((order, positions, bits[start:stop]))
                 posterior.add_answers(*self._answers[-1])
-
-    def _next_question(self, posterior: RangePosterior) -> Question:
-        """Choose queries as long as answers are informative."""
-        self._sweeps += posterior.propagate(SWEEPS, CHANGE)
-        if posterior.num_orders and posterior.couple():
-            self._sweeps += posterior.propagate(SWEEPS, CHANGE)
-        question = posterior.batch(*self._batch)
-        if not question and posterior.num_orders and posterior.rescale():
-            self._sweeps += posterior.propagate(SWEEPS, CHANGE)
-            question = posterior.batch(*self._batch)
-        return question or posterior.new_order(RANGE_BIAS)
-
-    def _last_question(self, posterior: RangePosterior) -> Question:
-        """Choose what to ask where little can be learned, but the plane is not right yet."""
-        question = posterior.best_divisions() if posterior.expected_errors > UNSURE_ERRORS else []
-        if not question:
-            # Beliefs are wrong but sure, so that they cannot say where to ask.
-            self._restarts += 1
-            posterior.restart()
-            question = posterior.partition(min(FIRST_PARTITION << self._restarts, self._llr.size))
-        return question
 
     def _accept(self, posterior: RangePosterior, exponent: int) -> Generator[ParityRequest, Bits, bool]:
         """Return whether the decisions are right; request as many check bits as that takes."""
@@ -160,7 +148,7 @@ class PlaneReconciliation:
     def _result(self, bits: Bits) -> PlaneResult:
         llr = self._llr
         if self._coupling is not None:
-            llr = bounded_llr(self._coupling.llr_in_sequence(bits))
+            llr = bounded_llr(self._coupling.llr_given(bits, causal=True))
         counts = self._num_requests, self._check.size, self._num_parity, self._sweeps
         return PlaneResult(bits.copy(), *counts, self._entropy_bits, ideal_bits(llr, bits))
 
@@ -236,7 +224,8 @@ class CascadeCoder:
 
     def encode(self, code: int, words: Words, parity: Words) -> None:
         """Compute the parities of all that comes first in one of the orders, of up to 64 planes."""
-        prefix_parities(words, code, self._seed, parity)
+        order = order_of_power(code, (words.size - 1).bit_length(), self._seed)
+        _kernels.prefix_parities(words, order, parity)
 
     def decoder(self, num_bits: int) -> CascadeDecoder:
         """Return a decoder of planes."""

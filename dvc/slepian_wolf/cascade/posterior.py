@@ -31,7 +31,7 @@ SCALE_STRENGTH = 5.0
 
 
 @lru_cache(maxsize=8 * NUM_ORDERS)
-def _order_of_power(number: int, exponent: int, seed: int) -> NDArray[np.uint32]:
+def order_of_power(number: int, exponent: int, seed: int) -> NDArray[np.uint32]:
     """Return an order of a number of bits that is a power of two."""
     first_seed = (seed + 1) << 8  # apart from those of the turbo codes' interleavers
     order = random_permutation(first_seed + number, 1 << exponent).astype(np.uint32)
@@ -41,19 +41,8 @@ def _order_of_power(number: int, exponent: int, seed: int) -> NDArray[np.uint32]
 
 def bit_order(number: int, num_bits: int, seed: int) -> NDArray[np.uint32]:
     """Return an order of bits: that of the next power of two, without the bits that are too many."""
-    order = _order_of_power(number, (num_bits - 1).bit_length(), seed)
+    order = order_of_power(number, (num_bits - 1).bit_length(), seed)
     return order if order.size == num_bits else order[order < num_bits]
-
-
-def prefix_parities(
-    words: NDArray[np.uint64], order: int, seed: int, released: NDArray[np.uint64] | None = None
-) -> NDArray[np.uint64]:
-    """Add up the bits of up to 64 planes at once, modulo 2, one machine word per bit position."""
-    if released is None:
-        released = np.empty(words.size, np.uint64)
-    exponent = (words.size - 1).bit_length()
-    _kernels.prefix_parities(words, _order_of_power(order, exponent, seed), released)
-    return released
 
 
 class RangePosterior:
@@ -82,15 +71,6 @@ class RangePosterior:
         )
         self._positions = np.empty(num_bits, np.int64)
         self._keys = np.empty(num_bits, np.uint64)
-        self._first_decisions: Bits = np.zeros(num_bits, np.uint8)
-        self._decided_prefix: dict[int, Bits] = {}  # parities of the first decisions in an order
-        self._coupling: NeighbourCoupling | None = None
-        self._coupled: _kernels.Coupled | None = None
-        self._expected = 0.0
-        self._scale = 1.0
-        # Bits of the last order that have been laid out: now, and once all answers have come.
-        self._laid_out = self._laid_after = self.num_bits
-        self.num_orders = 0
 
     @property
     def num_bits(self) -> int:
@@ -115,8 +95,9 @@ class RangePosterior:
 
     def start(self, llr_ch: NDArray[np.float32], coupling: NeighbourCoupling | None = None) -> None:
         """Begin a new plane."""
-        self._first_decisions = (llr_ch < 0).astype(np.uint8)
-        self._coupling, self._coupled = coupling, None
+        self._first_decisions: Bits = (llr_ch < 0).astype(np.uint8)
+        self._coupling = coupling
+        self._coupled: _kernels.Coupled | None = None
         if coupling is not None:
             self._coupled = _kernels.Coupled(
                 coupling.base_probability,
@@ -133,9 +114,10 @@ class RangePosterior:
         beliefs.prior[:] = beliefs.odds[:] = wrong.astype(np.float64) / right
         self._expected = float(_kernels.expected_errors(beliefs.prior)[0])
         self._scale = 1.0
+        # Bits of the last order that have been laid out: now, and once all answers have come.
         self._laid_out = self._laid_after = self.num_bits
         self.num_orders = 0
-        self._decided_prefix = {}
+        self._decided_prefix: dict[int, Bits] = {}  # parities of the first decisions in an order
 
     def add_answers(self, order: int, positions: Positions, bits: Bits) -> None:
         """Take in parities."""

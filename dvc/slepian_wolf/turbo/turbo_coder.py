@@ -18,10 +18,11 @@ from dvc.slepian_wolf.plane_protocol import FrameCheck, PlaneCoroutine, PlaneCos
 from dvc.slepian_wolf.requests import Bits, Kind, ParityRequest, ask
 from dvc.slepian_wolf.turbo import _kernels
 from dvc.slepian_wolf.turbo.turbo_encoder import (
-    CLASSICAL,
-    TurboCode,
-    encode_words,
+    FEEDBACK,
+    FEEDFORWARD,
+    PERIOD,
     interleaved,
+    release_layout,
     release_order,
     section_starts,
     trellis,
@@ -65,15 +66,10 @@ class LaneLayout:
 
 def lane_layout(section_edges: tuple[int, ...], num_windows: int | None = None) -> LaneLayout:
     """Cut trellis sections into windows of equal length."""
-
     lengths = np.diff(section_edges)
     max_steps = int(lengths.max())
     if num_windows is None:
         num_windows = max(1, min(_kernels.NUM_LANES // lengths.size, max_steps // MIN_WINDOW_STEPS))
-    if num_windows < 1 or num_windows * lengths.size > _kernels.NUM_LANES:
-        raise ValueError(
-            f"{lengths.size} sections of {num_windows} windows do not fit {_kernels.NUM_LANES} lanes"
-        )
     num_steps = -(-max_steps // num_windows)
     cell_of_step = np.empty(section_edges[-1], np.int32)
     opens = np.ones(_kernels.NUM_LANES, np.bool_)
@@ -132,16 +128,16 @@ class LaneDecoder:
 
 
 class TurboDecoder:
-    """Decoder of one bit plane after another with one code; keeps its messages while parity arrives."""
+    """Decoder of one bit plane after another; keeps its messages while parity arrives."""
 
-    def __init__(self, code: TurboCode, num_bits: int, seed: int) -> None:
+    def __init__(self, num_bits: int, seed: int) -> None:
         self.num_bits = num_bits
         self._bit_at_step = interleaved(num_bits, seed)
         self._starts = section_starts(num_bits)
-        self._order = release_order(num_bits, code.period)
-        self._trellis = trellis(code.feedback, code.feedforward)
+        self._order = release_order(num_bits, PERIOD)
+        self._trellis = trellis(FEEDBACK, FEEDFORWARD)
         lanes = lane_layout((*self._starts.tolist(), self._bit_at_step.size))
-        self._siso = LaneDecoder(code.feedback, code.feedforward, lanes)
+        self._siso = LaneDecoder(FEEDBACK, FEEDFORWARD, lanes)
         self._bit_of_cell = np.full(self._siso.llr_a.size, num_bits, np.uint32)  # cells that pad lanes: bit N
         self._bit_of_cell[lanes.cell_of_step] = self._bit_at_step
         self._parity = np.full(self._bit_at_step.size, -1, np.int8)
@@ -167,15 +163,10 @@ class TurboDecoder:
 
     def add_parity(self, bits: NDArray[np.uint8]) -> None:
         """Take the next parity bits in order of release; they are free of errors."""
-        bits = np.asarray(bits)
-        end = self.num_parity + bits.size
-        if bits.ndim != 1 or end > self._order.size or (bits.size and (bits.min() < 0 or bits.max() > 1)):
-            left = self._order.size - self.num_parity
-            raise ValueError(f"`bits` must be at most {left} parity bits of 0 and 1, got shape {bits.shape}")
-        steps = self._order[self.num_parity : end]
+        steps = self._order[self.num_parity : self.num_parity + bits.size]
         self._parity[steps] = bits
         self._siso.set_parity(steps, bits)
-        self.num_parity = end
+        self.num_parity += bits.size
         self._check_parity()
 
     def iterate(self, max_iterations: int, polish: bool = False) -> int:
@@ -297,7 +288,7 @@ def decode_plane(
 
 
 class TurboPlaneDecoder:
-    """Decodes planes of one length with the classical code; idle decoders are kept for the next planes."""
+    """Decodes planes of one length; idle decoders are kept for the next planes."""
 
     cost = PlaneCost(1.2, 10.0)
 
@@ -313,10 +304,7 @@ class TurboPlaneDecoder:
     ) -> PlaneCoroutine:
         """Decode a plane as a coroutine; neighbours are left aside."""
         del coupling
-        try:
-            decoder = self._idle.pop()
-        except IndexError:
-            decoder = TurboDecoder(CLASSICAL, self._num_bits, self._seed)
+        decoder = self._idle.pop() if self._idle else TurboDecoder(self._num_bits, self._seed)
         try:
             return (yield from decode_plane(llr_ch, decoder, position))
         finally:
@@ -341,7 +329,8 @@ class TurboCoder:
     def encode(self, code: int, words: Words, parity: Words) -> None:
         """Compute the parity of up to 64 planes."""
         del code
-        encode_words(words, CLASSICAL, self._seed, parity)
+        layout = release_layout(words.size, self._seed)
+        _kernels.encode_words(words, *layout, FEEDBACK, FEEDFORWARD, parity)
 
     def decoder(self, num_bits: int) -> TurboPlaneDecoder:
         """Return a decoder of planes."""

@@ -1,4 +1,4 @@
-"""Turbo encoding of up to 64 bit planes together, one machine word per bit position."""
+"""Tables of turbo encoding: trellises of codes, and orders in which bits enter and parity is released."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -6,11 +6,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.slepian_wolf.checks import by_words, random_permutation
-from dvc.slepian_wolf.turbo import _kernels
+from dvc.slepian_wolf.checks import random_permutation
 
-MAX_MEMORY = 4
-"""Longest shift register that the kernels accept (16 states)."""
+FEEDBACK, FEEDFORWARD, PERIOD = 0b11001, 0b11011, 48
+"""(1 + D + D^3 + D^4) / (1 + D^3 + D^4), twice, and the puncturing period of [Artigas2007]."""
+NUM_SECTIONS = 2
+"""Number of times that each bit enters; the register is reset before each pass."""
 
 
 @dataclass(frozen=True)
@@ -25,72 +26,28 @@ class Trellis:
     parity_mask: int
 
 
-def memory(feedback: int, feedforward: int) -> int:
-    """Return the register length of an RSC code and refuse polynomials that make none."""
-    if not (feedback & 1 and feedforward & 1):
-        raise ValueError(f"polynomials must have constant term 1, got {feedback:#b} and {feedforward:#b}")
-    length = max(feedback.bit_length(), feedforward.bit_length()) - 1
-    if feedback < 2 or not 1 <= length <= MAX_MEMORY:
-        raise ValueError(
-            f"register length must be 1..{MAX_MEMORY} with feedback, got {feedback:#b}, {feedforward:#b}"
-        )
-    if feedback.bit_length() <= length and feedforward.bit_length() <= length:
-        raise ValueError("neither polynomial uses the oldest register bit")
-    return length
-
-
-def step(state: int, bit: int, feedback: int, feedforward: int) -> tuple[int, int]:
-    """Push one bit through the encoder register."""
-    length = memory(feedback, feedforward)
-    fed = bit ^ ((state & (feedback >> 1)).bit_count() & 1)
-    parity = fed ^ ((state & (feedforward >> 1)).bit_count() & 1)
-    return ((state << 1) | fed) & ((1 << length) - 1), parity
-
-
 @lru_cache(maxsize=64)
 def trellis(feedback: int, feedforward: int) -> Trellis:
-    """Tabulate the transitions of an RSC code."""
-    num_states = 1 << memory(feedback, feedforward)
+    """Tabulate the transitions of an RSC code; bit i of a polynomial is the coefficient of D^i."""
+    num_states = 1 << max(feedback.bit_length(), feedforward.bit_length()) - 1
     next_state = np.zeros((num_states, 2), np.int64)
     output = np.zeros((num_states, 2), np.int64)
     input_mask = parity_mask = 0
     for state in range(num_states):
         for bit in range(2):
-            next_state[state, bit], output[state, bit] = step(state, bit, feedback, feedforward)
-            if next_state[state, bit] & 1 == 0:
+            fed = bit ^ ((state & (feedback >> 1)).bit_count() & 1)
+            output[state, bit] = fed ^ ((state & (feedforward >> 1)).bit_count() & 1)
+            next_state[state, bit] = ((state << 1) | fed) & (num_states - 1)
+            if fed == 0:
                 input_mask |= bit << state
                 parity_mask |= int(output[state, bit]) << state
     next_state.flags.writeable = output.flags.writeable = False
     return Trellis(next_state, output, input_mask, parity_mask)
 
 
-@dataclass(frozen=True)
-class TurboCode:
-    """A rate-compatible turbo code for the parity of bit planes of any length."""
-
-    feedback: int  # polynomial in D, bit i is the coefficient of D^i
-    feedforward: int
-    period: int  # puncturing period of both parity streams
-
-    def __post_init__(self) -> None:
-        memory(self.feedback, self.feedforward)
-        if self.period < 1:
-            raise ValueError(f"`period` must be at least 1, got {self.period}")
-
-
-CLASSICAL = TurboCode(0b11001, 0b11011, 48)
-"""(1 + D + D^3 + D^4) / (1 + D^3 + D^4), twice, and the puncturing period of [Artigas2007]."""
-
-
-NUM_SECTIONS = 2
-"""Number of times that each bit enters; the register is reset before each pass."""
-
-
 @lru_cache(maxsize=16)
 def interleaved(num_bits: int, seed: int) -> NDArray[np.int32]:
     """Return the bit that enters at each of 2 N steps."""
-    if num_bits < 1 or seed < 0:
-        raise ValueError(f"`num_bits` must be >= 1 and `seed` >= 0, got {num_bits} and {seed}")
     bits = np.concatenate([np.arange(num_bits, dtype=np.int32), random_permutation(2 * seed + 2, num_bits)])
     bits.flags.writeable = False
     return bits
@@ -125,11 +82,11 @@ def release_order(num_bits: int, period: int) -> NDArray[np.int32]:
 
 
 @lru_cache(maxsize=16)
-def _release_layout(
-    code: TurboCode, num_bits: int, seed: int
+def release_layout(
+    num_bits: int, seed: int
 ) -> tuple[NDArray[np.integer], NDArray[np.integer], NDArray[np.int64]]:
     """Return the bit read at each step, where its parity is released, and where sections start."""
-    order = release_order(num_bits, code.period)
+    order = release_order(num_bits, PERIOD)
     num_steps = int(order.max()) + 1
     next_release = np.full(num_steps, num_steps)
     next_release[order] = order
@@ -143,18 +100,3 @@ def _release_layout(
         slot_at_step[next_release].astype(small),
         starts,
     )
-
-
-def encode_words(
-    words: NDArray[np.uint64], code: TurboCode, seed: int, parity: NDArray[np.uint64] | None = None
-) -> NDArray[np.uint64]:
-    """Return the parity of up to 64 bit planes at once, in order of release."""
-    bit_at_step, slot_at_step, starts = _release_layout(code, words.size, seed)
-    parity = np.empty(words.size, np.uint64) if parity is None else parity
-    _kernels.encode_words(words, bit_at_step, slot_at_step, starts, code.feedback, code.feedforward, parity)
-    return parity
-
-
-def encode_planes(bits: NDArray[np.uint8], code: TurboCode, seed: int) -> NDArray[np.uint8]:
-    """Return the parity of bit planes in order of release."""
-    return by_words(bits, lambda words: encode_words(words, code, seed))

@@ -39,13 +39,6 @@ class Motion(NamedTuple):
     learned: NDArray[np.float64]  # mean magnitude of residuals, and squares of the coefficients of motion
 
 
-class Picture(NamedTuple):
-    """Positions of tracks."""
-
-    sides: NDArray[np.int64]  # width and height
-    pixel: float
-
-
 class Instant(NamedTuple):
     """Results of the coding of an instant."""
 
@@ -105,9 +98,6 @@ def begin_motion(given, tracks, reach, level):
     learned[LEVEL] = level
     motion = Motion(first, first.copy(), np.zeros((count, 2)), magnitude, neighbours, weights, learned)
     return order, units, motion
-
-
-# ---- motion of an instant ----
 
 
 @inlined_kernel
@@ -234,9 +224,8 @@ def predict(motion, instant, units, i, t, sides):
 
 
 @inlined_kernel
-def loss_context(instant, i, scale, picture):
+def loss_context(instant, i, scale, sides, pixel):
     """Which context the loss of a track has, by how near the border it is expected."""
-    sides, pixel = picture.sides, picture.pixel
     x, y = instant.predictions[i, 0], instant.predictions[i, 1]
     edge = min(x, sides[0] - 1 - x, y, sides[1] - 1 - y)
     if edge < 6.0 * pixel + 2.0 * scale:
@@ -304,9 +293,8 @@ def new_instant(count):
 
 
 @inlined_kernel
-def code_instant(coder, models, motion, instant, units, t, num_given, picture):
+def code_instant(coder, models, motion, instant, units, t, num_given, sides, pixel):
     """Code the tracks at instant `t` that were not lost in the one before, and advance to the next."""
-    sides = picture.sides
     instant.known[:] = False
     instant.coefficients[:] = 0.0
     set_prior(motion, units, t, instant.covariance)
@@ -317,7 +305,7 @@ def code_instant(coder, models, motion, instant, units, t, num_given, picture):
         size, variance = predict(motion, instant, units, i, t, sides)
         scale = np.sqrt(size * size + 1.3 * variance)
         if i >= num_given:
-            context = loss_context(instant, i, scale, picture)
+            context = loss_context(instant, i, scale, sides, pixel)
             losses = models.losses[context]
             lost = code_decision(coder, losses[0] / losses[1], int(units[i, t, 0] == LOST))
             losses[0] += lost
@@ -340,13 +328,13 @@ def code_instant(coder, models, motion, instant, units, t, num_given, picture):
 
 
 @kernel
-def code_instants(coder, models, motion, units, begin, num_given, picture):
-    """Code the tracks (N, T, 2) at the instants from `begin` on: all those before are known."""
+def code_instants(coder, models, motion, units, begin, num_given, sides, pixel):
+    """Code the tracks (N, T, 2) from instant `begin` on; `sides` of the frame and `pixel` are in units."""
     instant = new_instant(units.shape[0])
     most = units.shape[0] * MAX_SYMBOLS
     for t in range(begin, units.shape[1]):
         if coder.fields[FAILED] or not has_room(coder, most):
             return t
-        if not code_instant(coder, models, motion, instant, units, t, num_given, picture):
+        if not code_instant(coder, models, motion, instant, units, t, num_given, sides, pixel):
             return OUTSIDE
     return units.shape[1]

@@ -9,11 +9,9 @@ References
 S. Haykin, "Adaptive Filter Theory", 2002, chapter 9: recursive least squares.
 """
 
-from functools import cache
-
 import numpy as np
 
-from dvc.arrays import Floats, Integers
+from dvc.arrays import Integers
 from dvc.config import CodecConfig
 from dvc.entropy import RangeCoder
 from dvc.entropy.mixing import SQUASH, STRETCH_LIMIT, TABLE_SIZE, logistic_tables
@@ -22,11 +20,6 @@ from dvc.tracks import _kernels as points_kernels
 from dvc.tracks._kernels import LOST, NODE_STEP, Models
 from dvc.tracks.points import num_positions
 from dvc.tracks.regression import _kernels
-
-NUM_FEATURES, NUM_NEIGHBOURS = _kernels.NUM_FEATURES, _kernels.NUM_NEIGHBOURS
-"""Number of features of the motion of a track, and of nearby tracks with errors that are used."""
-ROW_FEATURES = _kernels.STRIDE
-"""Features in a row of the covariance, zeros at its end included."""
 
 _LOST = ((1.0, 4.0), (1.0, 16.0), (1.0, 26.0))
 _LOST_BACKWARD = ((1.0, 4.0), (1.0, 9.0), (1.0, 9.0))
@@ -41,19 +34,15 @@ def code_tracks(
     """Code tracks, each in its own direction of time."""
     bound = config.tracks.num_points + 1
     num_forward, num_backward = (coder.uniform(bound, len(tracks)) for tracks in (forward, backward))
-    models = Models(_initial_curves().copy(), logistic_tables(), np.array(_LOST))
+    nodes = NODE_STEP * np.arange(points_kernels.NUM_NODES) - points_kernels.NODE_LIMIT
+    indices = ((nodes + STRETCH_LIMIT) * (TABLE_SIZE / (2 * STRETCH_LIMIT))).astype(np.int64)
+    curves = np.tile(logistic_tables()[SQUASH, indices], (points_kernels.NUM_STAGES, 1))
+    models = Models(curves, logistic_tables(), np.array(_LOST))
     none = np.empty((0, forward.shape[1], 2), np.int64)
     sent = _code_direction(coder, models, none, forward[:num_forward], config)
     given = np.ascontiguousarray(sent[sent[:, -1, 0] != LOST, ::-1])
     models = models._replace(losses=np.array(_LOST_BACKWARD))
     return sent, _code_direction(coder, models, given, backward[:num_backward], config)
-
-
-@cache
-def _initial_curves() -> Floats:
-    nodes = NODE_STEP * np.arange(points_kernels.NUM_NODES) - points_kernels.NODE_LIMIT
-    indices = ((nodes + STRETCH_LIMIT) * (TABLE_SIZE / (2 * STRETCH_LIMIT))).astype(np.int64)
-    return np.tile(logistic_tables()[SQUASH, indices], (points_kernels.NUM_STAGES, 1))
 
 
 def _code_direction(
@@ -71,11 +60,11 @@ def _code_direction(
     tracks[:, 0] = first
     reach = max(sides[0] * sides[1] / _AREA_OF_REACH, 1.0)
     order, units, motion = _kernels.begin_motion(given, tracks, reach, _LEVEL)
-    picture = _kernels.Picture(np.array(sides), float(2**config.tracks.subpixel_bits))
+    pixel = float(2**config.tracks.subpixel_bits)
     t = 1
     while t < units.shape[1]:
         state = coder.room_for(len(units) * points_kernels.MAX_SYMBOLS)
-        t = _kernels.code_instants(state, models, motion, units, t, len(given), picture)
+        t = _kernels.code_instants(state, models, motion, units, t, len(given), np.array(sides), pixel)
         coder.check()
         if t == _kernels.OUTSIDE:
             raise BitstreamError("a track leaves the frame")

@@ -21,8 +21,8 @@ from dvc.slepian_wolf.turbo.turbo_coder import (
     bcjr_recursions,
     lane_layout,
 )
-from dvc.slepian_wolf.turbo.turbo_encoder import CLASSICAL, encode_planes, trellis
-from tests.coders import SEED
+from dvc.slepian_wolf.turbo.turbo_encoder import trellis
+from tests.coders import SEED, encode_planes
 from tests.reference.slepian_wolf import bcjr, rsc_encode
 
 BITS = np.random.default_rng(1).integers(0, 2, 64, dtype=np.uint8)
@@ -91,9 +91,9 @@ def test_decoders_are_made_if_none_is_idle_and_come_back(monkeypatch: pytest.Mon
 @pytest.mark.parametrize(("crossover", "share"), [(0.007, 0.15), (0.031, 0.32), (0.11, 0.8)])
 def test_corrects_its_channel(crossover: float, share: float) -> None:
     bits, llr_ch = noisy(np.random.default_rng(4), 1584, crossover)
-    decoder = TurboDecoder(CLASSICAL, 1584, SEED)
+    decoder = TurboDecoder(1584, SEED)
     decoder.start(bounded_llr(llr_ch))
-    decoder.add_parity(encode_planes(bits[None], CLASSICAL, SEED)[0, : round(share * 1584)])
+    decoder.add_parity(encode_planes(bits[None], SEED)[0, : round(share * 1584)])
     assert not decoder.parity_satisfied
     assert decoder.iterate(60) < 60
     assert decoder.parity_satisfied
@@ -105,8 +105,8 @@ def test_corrects_its_channel(crossover: float, share: float) -> None:
 def test_goes_on_when_parity_arrives() -> None:
     """Parity that comes in pieces ends in the same decisions, and a restart repeats every number."""
     bits, llr_ch = noisy(np.random.default_rng(5), 1584, 0.07)
-    parity = encode_planes(bits[None], CLASSICAL, SEED)[0]
-    decoder = TurboDecoder(CLASSICAL, 1584, SEED)
+    parity = encode_planes(bits[None], SEED)[0]
+    decoder = TurboDecoder(1584, SEED)
     runs = []
     for _ in range(2):
         decoder.start(bounded_llr(llr_ch))
@@ -119,18 +119,6 @@ def test_goes_on_when_parity_arrives() -> None:
         np.testing.assert_array_equal(decoder.decisions, bits)
     assert runs[0][0] == runs[1][0]
     np.testing.assert_array_equal(runs[0][1], runs[1][1])
-
-
-def test_refuses_bad_arguments() -> None:
-    decoder = TurboDecoder(CLASSICAL, 20, SEED)
-    decoder.start(bounded_llr(np.full(20, np.inf)))
-    with pytest.raises(ValueError, match="at most 20"):
-        decoder.add_parity(np.zeros(21, np.uint8))
-    decoder.add_parity(np.zeros(4, np.uint8))
-    with pytest.raises(ValueError, match="at most 16"):
-        decoder.add_parity(np.zeros(17, np.uint8))
-    with pytest.raises(ValueError, match="0 and 1"):
-        decoder.add_parity(np.full(3, 2, np.uint8))
 
 
 POLYNOMIALS = [
@@ -245,8 +233,3 @@ def test_contradictions_stay_finite() -> None:
     llr_a = np.full(200, 24.0)
     parity = np.ones(200, np.int8)
     assert np.isfinite(siso(llr_a, parity, (0b11001, 0b11011))).all()
-
-
-def test_lanes_refuse_windows_that_are_too_many() -> None:
-    with pytest.raises(ValueError, match="do not fit"):
-        lane_layout((0, 9), num_windows=99)
