@@ -20,7 +20,7 @@ from dvc.config import CodecConfig
 from dvc.memory import peak_resident_bytes
 from dvc.stream import GopRecord
 from dvc.tracks import PointTracks
-from dvc.tracks.regression._kernels import NUM_FEATURES, NUM_NEIGHBOURS, STRIDE
+from dvc.tracks.regression.regression_coding import NUM_FEATURES, NUM_NEIGHBOURS, ROW_FEATURES
 from dvc.video import Frame
 from dvc.wynerziv.payloads import EncodedFrame
 from dvc.wynerziv.transform import BLOCK, NUM_BANDS, band_shape
@@ -243,11 +243,11 @@ def predicted_positions(tracks: PointTracks) -> int:
 def regression(num_positions: float) -> Operations:
     """Count the prediction of positions by recursive least squares, and the update after each."""
     products = Operations(multiplies=1, adds=1, bytes=2 * 8)
-    gain = products.times((STRIDE + 1) * NUM_FEATURES) + Operations(compares=1, bytes=8 * STRIDE)
+    gain = products.times((ROW_FEATURES + 1) * NUM_FEATURES) + Operations(compares=1, bytes=8 * ROW_FEATURES)
     bounded = Operations(multiplies=2, compares=1, bytes=3 * 8).times(NUM_FEATURES)
     limited = Operations(multiplies=1, adds=1, compares=2, bytes=2 * 8).times(2)
     coefficients = (Operations(multiplies=1, bytes=8) + limited).times(NUM_FEATURES)
-    covariance = Operations(multiplies=2, adds=1, bytes=4 * 8).times(STRIDE * NUM_FEATURES)
+    covariance = Operations(multiplies=2, adds=1, bytes=4 * 8).times(ROW_FEATURES * NUM_FEATURES)
     fit = Operations(multiplies=2, adds=2, bytes=3 * 8).times(NUM_FEATURES) + Operations(bytes=2 * 8)
     neighbours = (fit + Operations(adds=6, multiplies=3, bytes=33)).times(NUM_NEIGHBOURS)
     features = Operations(adds=4, multiplies=7, bytes=7 * 8 + 3 * 7 * 8)

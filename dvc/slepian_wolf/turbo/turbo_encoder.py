@@ -1,4 +1,4 @@
-"""Tables of turbo encoding: trellises of codes, and orders in which bits enter and parity is released."""
+"""Tables of turbo encoding: trellises of codes, orders of their steps, and the release of parity."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -54,7 +54,7 @@ def interleaved(num_bits: int, seed: int) -> NDArray[np.int32]:
 
 
 def section_starts(num_bits: int) -> NDArray[np.int64]:
-    """Return the steps at which the register is reset."""
+    """Return the steps that begin with a reset of the register."""
     return np.arange(NUM_SECTIONS, dtype=np.int64) * num_bits
 
 

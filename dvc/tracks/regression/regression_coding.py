@@ -21,6 +21,8 @@ from dvc.tracks._kernels import LOST, NODE_STEP, Models
 from dvc.tracks.points import num_positions
 from dvc.tracks.regression import _kernels
 
+NUM_FEATURES, NUM_NEIGHBOURS, ROW_FEATURES = _kernels.NUM_FEATURES, _kernels.NUM_NEIGHBOURS, _kernels.STRIDE
+"""Features of the motion of a track, tracks nearby with errors that are used, features in a padded row."""
 _LOST = ((1.0, 4.0), (1.0, 16.0), (1.0, 26.0))
 _LOST_BACKWARD = ((1.0, 4.0), (1.0, 9.0), (1.0, 9.0))
 _POINTS_BEFORE = ((2.0, 4.0), (3.6, 4.0), (4.4, 4.0), (5.2, 4.0))
