@@ -11,7 +11,7 @@ from dvc import cli
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
-    from benchmarks.thesis.harness import Chapter, Method, Task
+    from benchmarks.thesis.harness import Task
 
 PROG = "python -m benchmarks.thesis"
 CHAPTERS = range(2, 6)
@@ -91,30 +91,22 @@ def _task(arguments: argparse.Namespace, number: int) -> "Task":
 
 
 def _work(arguments: argparse.Namespace) -> int:
-    from benchmarks.thesis.harness import METHODS, Method, planned
+    from benchmarks.thesis.harness import METHODS, PAGE, Method, measure, planned
 
     methods = METHODS if arguments.method == "both" else (Method(arguments.method),)
     planning = []
     for number in arguments.chapter:
         chapter, task = import_module(f"benchmarks.thesis.chapter{number}").CHAPTER, _task(arguments, number)
         planning.append((chapter, task, len(planned(chapter, task, methods))))  # refuses bad requests early
-    failed = [_measure(*plan, methods, arguments.quiet) for plan in planning]
-    return cli.EXIT_BAD_INPUT if any(failed) else 0
-
-
-def _measure(
-    chapter: "Chapter", task: "Task", num_steps: int, methods: "tuple[Method, ...]", quiet: bool
-) -> bool:
-    """Measure a chapter, and return whether a part of it has failed."""
-    from benchmarks.thesis.harness import PAGE, measure
-
-    with cli.progress_bar(f"chapter {chapter.number}", num_steps, quiet) as advance:
-        failures = measure(chapter, task, methods, advance)
+    failures = list[str]()
+    for chapter, task, num_steps in planning:
+        with cli.progress_bar(f"chapter {chapter.number}", num_steps, arguments.quiet) as advance:
+            failures += measure(chapter, task, methods, advance)
+        if not arguments.quiet:
+            print(task.folder / f"chapter{chapter.number}.md", task.folder / PAGE, sep="\n")
     for failure in failures:
         sys.stderr.write(f"{PROG}: {cli.one_line(failure)}\n")
-    if not quiet:
-        sys.stdout.write(f"{task.folder / f'chapter{chapter.number}.md'}\n{task.folder / PAGE}\n")
-    return bool(failures)
+    return cli.EXIT_BAD_INPUT if failures else 0
 
 
 main = cli.command(PROG, _parser, _work, extra="report")

@@ -203,10 +203,6 @@ def _tsukuba(data: Path) -> Scene:
     return scene_of_array(_cropped(views, inner, inner), TSUKUBA.labels)
 
 
-def _cones(data: Path) -> Scene:
-    return scene_of_array(PAIRS["cones"].array(data, 9), PAIRS["cones"].labels)
-
-
 def _cgtoy(data: Path) -> Scene:
     positions = read_positions(data / "cgtoy" / "views.csv")
     array = load_array([data / "cgtoy" / file for file in positions], list(positions.values()))
@@ -218,7 +214,7 @@ FREE_SCENES: Mapping[str, Callable[[Path], Scene]] = {"toy": _toy, MOTORCYCLE: _
 REAL_SCENES: Mapping[str, Callable[[Path], Scene]] = {
     "teddy": partial(_pair, "teddy"),
     "tsukuba": _tsukuba,
-    "cones": _cones,
+    "cones": lambda data: scene_of_array(PAIRS["cones"].array(data, 9), PAIRS["cones"].labels),
     "venus": partial(_pair, "venus"),
     "cgtoy": _cgtoy,
 }
