@@ -134,10 +134,7 @@ def _print_table(rows: list[Row], curves: dict[str, list[Row]]) -> None:
         cells = [row.name, f"{row.rate_kbps:.1f}", f"{row.report['psnr_y_db']:.2f}", f"{row.psnr_db:.2f}"]
         if row in rows:
             num_predicted = sum(frame["type"] == "wz" for frame in row.report["per_frame"])
-            cells += [
-                f"{row.report['si_psnr_y_db']:.2f}",
-                *(_saving(row, curve) for curve in curves.values()),
-            ]
+            cells += [f"{row.report['si_psnr_y_db']:.2f}", *(_saving(row, own) for own in curves.values())]
             cells.append(f"{row.report['decode_s'] / max(num_predicted, 1):.2f}")
         lines.append((*cells, *[""] * (len(lines[0]) - len(cells))))
     widths = [max(len(line[column]) for line in lines) for column in range(len(lines[0]))]

@@ -210,15 +210,13 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=30)
     parser.add_argument("--jobs", type=int, default=1, help="changes at a time")
     parser.add_argument("--limit", type=float, default=240.0, help="seconds for a change; default: 240")
-    parser.add_argument("--again", action="store_true", help="repeat changes that were not noticed")
     parser.add_argument("--cold", action="store_true", help="do not run the tests without a change first")
     arguments = parser.parse_args(words)
     arguments.out.mkdir(parents=True, exist_ok=True)
     named = [named_change(one, ROOT) for one in NAMED]
     sampled = drawn(arguments.count, arguments.seed)
     outcomes = Outcomes(arguments.out / "results.json")
-    before = {one: outcomes.of(one) for one in (*named, *sampled)}
-    due = [one for one, own in before.items() if own is None or (arguments.again and not own["noticed"])]
+    due = [one for one in (*named, *sampled) if outcomes.of(one) is None]
     copies = Copies(arguments.out.resolve(), arguments.limit)
     if due and not arguments.cold:
         copies.warm(sorted({package_of(change) for change in due}))

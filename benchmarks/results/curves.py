@@ -149,18 +149,13 @@ def worst_frame_db(setting: Setting) -> Measured:
 
 def not_proven(setting: Setting) -> Measured:
     """Count clips with a punctured stream that a fresh process decodes to other frames; such points fail."""
-    proven = {
-        clip: float(sum(point.is_proven for point in curve.points))
-        for clip, curve in sweep(setting, DEFAULT).items()
-    }
-    return Measured(float(sum(count == 0 for count in proven.values())), {}, frames(setting))
+    curves = sweep(setting, DEFAULT).values()
+    unproven = sum(not any(point.is_proven for point in curve.points) for curve in curves)
+    return Measured(float(unproven), {}, frames(setting))
 
 
 SIDE_INFORMATION_FRAMES = 33
-_SIDE_INFORMATION = (
-    *("--wz-q", "1", "--key-qp", "lossless", "--option", "references=keys"),
-    *("--luma-only", "--no-proof"),
-)
+_SIDE_INFORMATION = ("--wz-q", "1", "--key-qp", "lossless", "--option", "references=keys", "--no-proof")
 
 
 def side_information_gain(setting: Setting) -> Measured:
@@ -168,12 +163,9 @@ def side_information_gain(setting: Setting) -> Measured:
     clips, count = setting.clips(), int(setting.choose(SIDE_INFORMATION_FRAMES, QUICK_FRAMES))
     for name, method in (("scene", None), ("block-motion", "mci")):
         words = [] if method is None else ["--side-information", method]
-        run_sweep(setting, clips, name, *_SIDE_INFORMATION, *words, num_frames=count)
-    by_name = {name: curves_in(setting, name, clips, count) for name in ("scene", "block-motion")}
-    predicted = {
-        name: {clip: curve.points[0].totals.si_psnr_y_db or 0.0 for clip, curve in curves.items()}
-        for name, curves in by_name.items()
-    }
-    return mean_of(
-        {clip: predicted["scene"][clip] - predicted["block-motion"][clip] for clip in clips}, count
+        run_sweep(setting, clips, name, *_SIDE_INFORMATION, "--luma-only", *words, num_frames=count)
+    scene, blocks = (
+        {clip: curve.points[0].totals.si_psnr_y_db or 0.0 for clip, curve in curves.items()}
+        for curves in (curves_in(setting, name, clips, count) for name in ("scene", "block-motion"))
     )
+    return mean_of({clip: scene[clip] - blocks[clip] for clip in clips}, count)

@@ -144,7 +144,5 @@ def memory_growth(setting: Setting) -> Measured:
                 usage = run_module("decoder", stream, folder / "decoded.mkv", "--quiet")
             peaks.setdefault(name, []).append(usage.peak_bytes)
     growth = {name: 100.0 * (long / short - 1.0) for name, (short, long) in peaks.items()}
-    note = "; ".join(
-        f"{name} {short / MIB:.0f} and {long / MIB:.0f} MiB" for name, (short, long) in peaks.items()
-    )
-    return Measured(max(growth.values()), growth, None, note)
+    notes = [f"{name} {short / MIB:.0f} and {long / MIB:.0f} MiB" for name, (short, long) in peaks.items()]
+    return Measured(max(growth.values()), growth, None, "; ".join(notes))

@@ -68,11 +68,9 @@ def _runs(setting: Setting) -> dict[str, tuple[float, float, bool]]:
         runs = {n: live_run(video, folder, ["--frames", str(n)]) for n in lengths}
         taken_s = {n: run.encoder_cpu_s for n, run in runs.items()}
         ours_ms = later_frames_ms(taken_s.__getitem__, lengths)
-        found[clip] = (
-            ours_ms / anchor_frame_ms(video, folder, setting),
-            runs[lengths[1]].num_messages,
-            all(run.same_as_file for run in runs.values()),
-        )
+        same = all(run.same_as_file for run in runs.values())
+        ratio = ours_ms / anchor_frame_ms(video, folder, setting)
+        found[clip] = ratio, runs[lengths[1]].num_messages, same
     return found
 
 
