@@ -352,8 +352,12 @@ def check_constraints(arguments: argparse.Namespace, constraints: Iterable[Const
 
 
 def write_json(path: str | Path, values: object) -> None:
-    """Write a JSON file in one piece."""
-    text = json.dumps(values, indent=1, allow_nan=False) + "\n"
+    """Write a JSON file in one piece, or to standard output."""
+    write_text(path, json.dumps(values, indent=1, allow_nan=False) + "\n")
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a file in one piece, or to standard output."""
     if str(path) == "-":
         sys.stdout.write(text)
         return

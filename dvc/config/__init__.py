@@ -215,8 +215,13 @@ def codec_config(
     variant = variant_of(codec)
     embedded = isinstance(quality, Qp)
     key = KeyFrameConfig(quality.key_qp, intra_period=variant.intra_period if embedded else 0)
+    # References and key frames that replace those of the variant change its groups.
+    gop, override = overrides.get("gop"), overrides.get("key", key)
+    references = str(gop.get("references", variant.references)) if isinstance(gop, Mapping) else None
+    override = replace(key, **override) if isinstance(override, Mapping) else override
+    period = getattr(override, "intra_period", 0)
     sections: dict[str, Any] = {
-        "gop": _gop_config(variant, key, overrides),
+        "gop": GopConfig(variant.groups(references, period).length, references or variant.references),
         "key": key,
         "wyner_ziv": quality.wyner_ziv,
         "coder": CascadeConfig(),
@@ -228,18 +233,6 @@ def codec_config(
     for name, override in overrides.items():
         sections[name] = replace(sections[name], **override) if isinstance(override, Mapping) else override
     return CodecConfig(video, codec, **sections)
-
-
-def _gop_config(variant: CodecVariant, key: KeyFrameConfig, overrides: Mapping[str, Any]) -> GopConfig:
-    """Return the default groups of pictures for a variant and overrides of its references and key frames."""
-    gop, key_override = overrides.get("gop"), overrides.get("key")
-    references = str(gop.get("references", variant.references)) if isinstance(gop, Mapping) else None
-    period = key.intra_period
-    if isinstance(key_override, KeyFrameConfig):
-        period = key_override.intra_period
-    elif isinstance(key_override, Mapping):
-        period = key_override.get("intra_period", period)
-    return GopConfig(variant.groups(references, period).length, references or variant.references)
 
 
 def encode_config(config: CodecConfig) -> bytes:

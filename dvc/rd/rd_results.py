@@ -305,16 +305,8 @@ def read_results(folder: Path) -> list[PointResult]:
     return results
 
 
-@dataclass(frozen=True)
-class Collection:
-    """Results of several experiments."""
-
-    results: tuple[PointResult, ...]  # each point once, with absolute names of pictures
-    notes: tuple[str, ...]  # files that were left out, results that newer ones replace
-
-
-def read_folders(folders: Sequence[Path]) -> Collection:
-    """Read the results of several experiments; of a point that was measured twice the newer result counts."""
+def read_folders(folders: Sequence[Path]) -> tuple[list[PointResult], list[str]]:
+    """Read each point of several experiments once, the newer result if two are there; add notes on others."""
     newest: dict[str, PointResult] = {}
     damaged: list[str] = []
     num_replaced = 0
@@ -337,7 +329,7 @@ def read_folders(folders: Sequence[Path]) -> Collection:
     if num_replaced:
         noun = "result" if num_replaced == 1 else "results"
         notes.append(f"{num_replaced} {noun} of an older measurement left out for a newer one.")
-    return Collection(tuple(newest.values()), tuple(notes))
+    return list(newest.values()), notes
 
 
 def _with_absolute_pictures(result: PointResult, folder: Path) -> PointResult:

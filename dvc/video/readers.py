@@ -36,7 +36,6 @@ from dvc.video.sources import (
     Request,
     SourceClock,
     VideoReader,
-    is_pipe,
 )
 
 if TYPE_CHECKING:
@@ -135,7 +134,7 @@ def open_video(
         raise VideoError(f"{path}: no such file or folder")
     if path.is_dir():
         return _open_folder(request, path)
-    if is_pipe(path):
+    if path.is_fifo() or path.is_socket():
         return _open_pipe(request)
     if name == RAW_FORMAT or (name is None and path.suffix.lower() in RAW_SUFFIXES):
         return _open_pipe(replace(request, input_format=RAW_FORMAT), path.stat().st_size)
