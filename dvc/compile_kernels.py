@@ -9,7 +9,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from hashlib import sha256
 from pathlib import Path
@@ -82,25 +81,11 @@ WORDS = {
     "views": "left.png right.png",
 }
 """Parts of commands."""
-QUIET = {"decoder", "dvc.dibr", "dvc.stereo", "encoder", "sfm"}
-"""Programs with an option --quiet."""
-WITHOUT_QUIET = {"decode", "render"}
-"""Subcommands of `dvc-dibr` that have none."""
 
 
-def commands(chain: str) -> Iterator[list[str]]:
+def commands(chain: str) -> list[list[str]]:
     """Return the commands of a chain."""
-    for line in CHAINS[chain].format(**WORDS).strip().splitlines():
-        words = line.split()
-        quiet = words[0] in QUIET and words[1] not in WITHOUT_QUIET
-        yield [*words, "--quiet"] if quiet else words
-
-
-def _digest() -> str:
-    """Return a digest of all that compiled code depends on, and of the commands."""
-    environment = [f"{name}={value}" for name, value in os.environ.items() if name.startswith("NUMBA_")]
-    parts = [packages_digest([*CODEC, "sequences"]), library_versions(), sys.version, sorted(environment)]
-    return sha256(repr(parts).encode()).hexdigest()[:16]
+    return [line.split() for line in CHAINS[chain].format(**WORDS).strip().splitlines()]
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -114,11 +99,14 @@ def _parser() -> argparse.ArgumentParser:
 def _compile(arguments: argparse.Namespace) -> int:
     from dvc._jit import cache_folder
 
-    started_s, done_file = time.monotonic(), cache_folder() / f"compiled-{_digest()}"
+    started_s = time.monotonic()
+    environment = [f"{name}={value}" for name, value in os.environ.items() if name.startswith("NUMBA_")]
+    parts = [packages_digest([*CODEC, "sequences"]), library_versions(), sys.version, sorted(environment)]
+    done_file = cache_folder() / f"compiled-{sha256(repr(parts).encode()).hexdigest()[:16]}"
     if done_file.exists():
         sys.stdout.write(f"kernels have been compiled in {cache_folder()}\n")
         return 0
-    total = sum(len(list(commands(chain))) for chain in CHAINS)
+    total = sum(len(commands(chain)) for chain in CHAINS)
     with (
         tempfile.TemporaryDirectory() as name,
         cli.progress_bar("compiling", total) as done,

@@ -75,12 +75,12 @@ def catalogue(processes: ProcessGroup, *arguments: str) -> Any:
 
 @dataclass(frozen=True)
 class CodeVersion:
-    """Version of the codec."""
+    """Version of the codec, or source of an imported point."""
 
     version: str  # version of the distribution
-    # commit of the repository that tracks the code, with ``-dirty`` if a package of the codec was changed
-    commit: str | None
     digest: str  # digest of the code of the codec
+    # commit of the repository that tracks the code, with ``-dirty`` if a package of the codec was changed
+    commit: str | None = None
 
 
 @cache

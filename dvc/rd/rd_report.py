@@ -286,9 +286,7 @@ def _report_text(
     return "\n".join(parts)
 
 
-def render_experiment(
-    experiment: Experiment, styles: Mapping[str, Style], anchor: str = ANCHOR_LABEL
-) -> dict[str, bytes]:
+def render_experiment(experiment: Experiment, styles: Mapping[str, Style], anchor: str) -> dict[str, bytes]:
     """Draw the curves of an experiment; return the files by suffix."""
     reference = experiment.anchor(anchor)
     curves = [curve for curve in experiment.curves if not curve.has_lossless_keys] or experiment.curves

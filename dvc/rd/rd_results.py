@@ -11,7 +11,7 @@ from msgspec import Meta
 
 from dvc import cli
 from dvc.errors import DvcError
-from dvc.rd.originals import values_digest
+from dvc.rd.originals import CodeVersion, values_digest
 from dvc.rd.specification import SCHEMA, Point, Task
 
 POINTS_FOLDER = "points"
@@ -56,15 +56,6 @@ class PointOptions:
     qp: int | None = None
     decoder: dict[str, str] = field(default_factory=dict)
     proof: bool = True
-
-
-@dataclass(frozen=True)
-class CodeInfo:
-    """Code that made a result; of an imported point, its source."""
-
-    version: str
-    digest: str
-    commit: str | None = None
 
 
 @dataclass(frozen=True)
@@ -165,7 +156,7 @@ class PointResult:
     sequence: SequenceInfo
     codec: str
     options: PointOptions
-    code: CodeInfo
+    code: CodeVersion
     key: KeyQuality
     totals: Totals
     times: CpuTimes
@@ -311,7 +302,7 @@ def read_folders(folders: Sequence[Path]) -> tuple[list[PointResult], list[str]]
     damaged: list[str] = []
     num_replaced = 0
     for folder in folders:
-        results = read_results(folder)
+        results, root = read_results(folder), folder.resolve()
         names = {result.name for result in results}
         damaged += [
             path.name for path in sorted((folder / POINTS_FOLDER).glob("*.json")) if path.stem not in names
@@ -321,7 +312,13 @@ def read_folders(folders: Sequence[Path]) -> tuple[list[PointResult], list[str]]
             other = newest.get(key)
             num_replaced += other is not None and other.identity != result.identity
             if other is None or result.date > other.date:
-                newest[key] = _with_absolute_pictures(result, folder)
+                newest[key] = result
+                if result.pictures is not None:  # absolute names, if these do not lead out of the folder
+                    names = [getattr(result.pictures, kind) for kind in PICTURE_KINDS]
+                    paths = [root if not name or "\0" in name else (root / name).resolve() for name in names]
+                    located = [str(path) if root in path.parents else None for path in paths]
+                    pictures = replace(result.pictures, **dict(zip(PICTURE_KINDS, located, strict=True)))
+                    newest[key] = replace(result, pictures=pictures)
     notes = []
     if damaged:
         noun = "damaged file" if len(damaged) == 1 else "damaged files"
@@ -330,16 +327,3 @@ def read_folders(folders: Sequence[Path]) -> tuple[list[PointResult], list[str]]
         noun = "result" if num_replaced == 1 else "results"
         notes.append(f"{num_replaced} {noun} of an older measurement left out for a newer one.")
     return list(newest.values()), notes
-
-
-def _with_absolute_pictures(result: PointResult, folder: Path) -> PointResult:
-    """Make the names of pictures absolute; drop those that lead out of the folder."""
-    if result.pictures is None:
-        return result
-    root = folder.resolve()
-    located: dict[str, Any] = {}
-    for kind in PICTURE_KINDS:
-        name = getattr(result.pictures, kind)
-        path = root if name is None or "\0" in name else (root / name).resolve()
-        located[kind] = str(path) if root in path.parents else None
-    return replace(result, pictures=replace(result.pictures, **located))

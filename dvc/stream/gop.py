@@ -282,7 +282,7 @@ class StreamWriter:
     def write_gop(self, record: GopRecord) -> None:
         """Append the next group of pictures in order of display; the first adds one frame, a key frame.
 
-        A group that does not fit the configuration is a `ValueError`, one that is too large a `BitstreamError`.
+        One that does not fit the configuration is a `ValueError`, one that is too large a `BitstreamError`.
         """
         if self._closed:
             raise ValueError("the stream is closed")
