@@ -131,8 +131,7 @@ def load_array(paths: Sequence[str | Path], positions: Sequence["LatticePosition
     _check_distinct("position", positions, [f"{position.m:g},{position.n:g}" for position in positions])
     pictures = read_pictures_of_one_size(paths)
     stems = [Path(path).stem for path in paths]
-    views = zip(stems, pictures, positions, strict=True)
-    return CameraArray(tuple(ArrayView(name, picture, position) for name, picture, position in views))
+    return CameraArray(tuple(map(ArrayView, stems, pictures, positions)))
 
 
 def add_lattice_options(parser: argparse.ArgumentParser, default: str) -> None:

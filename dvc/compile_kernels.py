@@ -19,8 +19,6 @@ from dvc.errors import DvcError
 from dvc.versions import CODEC, library_versions, packages_digest
 
 PROG = "dvc-compile"
-INSTALL_EXTRA = "pip install 'dvc3d["
-"""Part of the message of a command that is not installed."""
 EXAMPLES = """\
   dvc-compile
   dvc-compile --jobs 4
@@ -127,7 +125,7 @@ def _compile(arguments: argparse.Namespace) -> int:
                     text=True,
                     errors="replace",
                 )
-                if INSTALL_EXTRA in process.stderr:
+                if "pip install 'dvc3d[" in process.stderr:  # the command is not installed
                     return False
                 if process.returncode:
                     problem = process.stderr.strip() or f"status {process.returncode}"

@@ -113,9 +113,8 @@ class KeyFrameEncoder:
         size = _coded_size(width, height)
         parameters = {**_X264_PARAMETERS, **(_PREDICTED if predicted else _INTRA)}
         if not (luma_only or qp == "lossless"):
-            parameters["chroma-qp-offset"] = (
-                CHROMA_QP_OFFSET if chroma_qp_offset is None else chroma_qp_offset
-            )
+            offset = CHROMA_QP_OFFSET if chroma_qp_offset is None else chroma_qp_offset
+            parameters["chroma-qp-offset"] = offset
         self._context = context = av.CodecContext.create("libx264", "w")
         context.width, context.height = size
         context.pix_fmt = "gray" if luma_only else "yuv420p"

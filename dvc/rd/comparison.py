@@ -223,8 +223,6 @@ def _bd_rate_percent(anchor: Curve | None, curve: Curve, measure: Measure) -> fl
     return None if isinstance(difference, str) else difference.value
 
 
-MIN_PERCENT = 0.05
-"""Smallest difference in rate that is not rounded to zero."""
 Outcome = Literal["better", "worse", "none"]
 
 
@@ -348,6 +346,6 @@ def _cell(difference: BdResult | str | None) -> Cell:
 
 def _outcome(difference: BdResult | str) -> Outcome:
     """Judge a difference in rate; one that is shown as zero is none."""
-    if isinstance(difference, str) or abs(difference.value) < MIN_PERCENT:
+    if isinstance(difference, str) or abs(difference.value) < 0.05:
         return "none"
     return "better" if difference.value < 0 else "worse"

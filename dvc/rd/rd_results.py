@@ -314,11 +314,12 @@ def read_folders(folders: Sequence[Path]) -> tuple[list[PointResult], list[str]]
             if other is None or result.date > other.date:
                 newest[key] = result
                 if result.pictures is not None:  # absolute names, if these do not lead out of the folder
-                    names = [getattr(result.pictures, kind) for kind in PICTURE_KINDS]
-                    paths = [root if not name or "\0" in name else (root / name).resolve() for name in names]
-                    located = [str(path) if root in path.parents else None for path in paths]
-                    pictures = replace(result.pictures, **dict(zip(PICTURE_KINDS, located, strict=True)))
-                    newest[key] = replace(result, pictures=pictures)
+                    located: dict[str, Any] = {}
+                    for kind in PICTURE_KINDS:
+                        name = getattr(result.pictures, kind) or ""
+                        path = root if "\0" in name else (root / name).resolve()
+                        located[kind] = str(path) if root in path.parents else None
+                    newest[key] = replace(result, pictures=replace(result.pictures, **located))
     notes = []
     if damaged:
         noun = "damaged file" if len(damaged) == 1 else "damaged files"

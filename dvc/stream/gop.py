@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import accumulate, pairwise
-from types import TracebackType
 from typing import BinaryIO, NamedTuple, Self
 
 from dvc.bits import decode_bytes, decode_varint, encode_varint
@@ -218,12 +217,12 @@ def decode_gop(payload: bytes, with_digest: bool = False) -> GopRecord:
     if has_deviations:
         deviations, position = decode_deviations(payload, position, num_frames)
     if has_tracks:
-        tracks, position = decode_bytes(payload, position, len(payload))
+        tracks, position = decode_bytes(payload, position)
         if not tracks:
             raise BitstreamError("tracks are announced, but empty")
     wyner_ziv = []
     for _ in range(num_frames - 1):
-        frame, position = decode_bytes(payload, position, len(payload))
+        frame, position = decode_bytes(payload, position)
         wyner_ziv.append(frame)
     return GopRecord(num_frames, payload[position:], predicted, tracks, tuple(wyner_ziv), digest, deviations)
 
@@ -316,8 +315,6 @@ class StreamWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             self.close()

@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import BinaryIO
 
 from dvc.bits import MAX_VARINT_BYTES
-from dvc.config import CodecConfig
+from dvc.config import CodecConfig, decode_config
 from dvc.errors import BitstreamError
 from dvc.files import PARTIAL_SUFFIX, Closing, natural_key
 from dvc.stream.gop import Deviations, GopRecord, decode_gop, decode_head, following
 from dvc.stream.records import (
     CRC_BYTES,
     FORMAT_VERSION,
+    FORMS,
     MAGIC,
     MAX_GOPS,
     SIZE_BYTES,
@@ -26,7 +27,6 @@ from dvc.stream.records import (
     RecordType,
     StreamEnds,
     StreamIndex,
-    decode_configuration,
     decode_end,
     framed_size,
 )
@@ -93,7 +93,9 @@ class StreamReader(Closing):
         if record_at.type is not RecordType.CONFIGURATION:
             raise record_at.error("the first record must be the configuration")
         try:
-            self.config, self.form = decode_configuration(payload)
+            if not payload or payload[0] not in FORMS:
+                raise BitstreamError("unknown form; known are buffered, punctured and no-feedback")
+            self.config, self.form = decode_config(payload[1:]), FORMS[payload[0]]
         except BitstreamError as err:
             raise record_at.error(err) from err
 

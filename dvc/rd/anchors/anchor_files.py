@@ -270,10 +270,10 @@ def measure_file(
                     raise VideoError(f"{path.name}: pictures of {shapes}")
                 originals = (frame.luma, *(() if luma_only else frame.chroma or ()))
                 coded = (picture.frame.luma, *(picture.frame.chroma or ()))
-                psnrs_db = (min(psnr_db(*pair), PSNR_CAP_DB) for pair in zip(originals, coded, strict=False))
+                psnrs = (min(psnr_db(*pair), PSNR_CAP_DB) for pair in zip(originals, coded, strict=False))
                 kind = "intra" if picture.is_intra else "inter"
                 row: dict[str, Any] = {"index": index, "type": kind, "bits": picture.num_bits}
-                rows.append(row | dict(zip(_PSNRS, psnrs_db, strict=False)))
+                rows.append(row | dict(zip(_PSNRS, psnrs, strict=False)))
                 if output is not None:
                     output.write(picture.frame.without_chroma())
             if not rows:
