@@ -297,7 +297,7 @@ def read_results(folder: Path) -> list[PointResult]:
 
 
 def read_folders(folders: Sequence[Path]) -> tuple[list[PointResult], list[str]]:
-    """Read each point of several experiments once, the newer result if two are there; add notes on others."""
+    """Return each point of several experiments once, the newer result if two are there, and notes."""
     newest: dict[str, PointResult] = {}
     damaged: list[str] = []
     num_replaced = 0
