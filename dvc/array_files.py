@@ -120,21 +120,18 @@ def load_array(paths: Sequence[str | Path], positions: Sequence["LatticePosition
     """Read the rectified views of an array."""
     from dvc.geometry.camera_array import ArrayView, CameraArray, LatticePosition
 
-    if len(paths) < 2:
-        raise ConfigError("at least two views are needed")
     if positions is None:
         if len(paths) > 2:
             raise ConfigError(
                 f"{len(paths)} views need --lattice, --views or --cameras; two are left and right"
             )
-        positions = LatticePosition(0.0, 0.0), LatticePosition(1.0, 0.0)
+        positions = [LatticePosition(float(m), 0.0) for m in range(len(paths))]
     if len(positions) != len(paths):
         raise ConfigError(f"{len(paths)} views and {len(positions)} positions: one for each is needed")
     _check_distinct("position", positions, [f"{position.m:g},{position.n:g}" for position in positions])
     pictures = read_pictures_of_one_size(paths)
     stems = [Path(path).stem for path in paths]
-    views = zip(stems, pictures, positions, strict=True)
-    return CameraArray(tuple(ArrayView(name, picture, position) for name, picture, position in views))
+    return CameraArray(tuple(map(ArrayView, stems, pictures, positions)))
 
 
 def add_lattice_options(parser: argparse.ArgumentParser, default: str) -> None:

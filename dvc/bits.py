@@ -36,11 +36,9 @@ def decode_varint(data: bytes | bytearray | memoryview, position: int) -> tuple[
     raise BitstreamError(f"integer is longer than {MAX_VARINT_BYTES} bytes")
 
 
-def decode_bytes(data: bytes, position: int, max_bytes: int) -> tuple[bytes, int]:
+def decode_bytes(data: bytes, position: int) -> tuple[bytes, int]:
     """Read bytes that follow their number as a varint."""
     size, position = decode_varint(data, position)
-    if size > max_bytes:
-        raise BitstreamError(f"{size} bytes, at most {max_bytes} are allowed")
     if size > len(data) - position:
         raise BitstreamError(f"{size} bytes promised, {len(data) - position} left")
     return data[position : position + size], position + size

@@ -83,19 +83,6 @@ def _terminate(_number: int, _frame: FrameType | None) -> NoReturn:
 
 
 @contextlib.contextmanager
-def _cleaning_up_when_terminated() -> Iterator[None]:
-    """End a block at SIGTERM by an exception, so that no temporary file is left."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, _terminate)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
-@contextlib.contextmanager
 def stopping_at_signals(stop: Callable[[], None]) -> Iterator[None]:
     """Call a function at an interrupt or SIGTERM while the block continues; a second signal aborts it."""
 
@@ -119,9 +106,10 @@ def run(prog: str, command: Callable[[], int]) -> int:
     log = logging.StreamHandler(sys.stderr)
     log.setFormatter(_OneLine(f"{prog}: %(message)s"))
     logging.basicConfig(level=logging.WARNING, handlers=[log])
+    is_main = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGTERM, _terminate) if is_main else None
     try:
-        with _cleaning_up_when_terminated():
-            return command()
+        return command()
     except PartialOutputError as err:
         status, message = EXIT_PARTIAL, one_line(err)
     except DvcError as err:
@@ -135,6 +123,9 @@ def run(prog: str, command: Callable[[], int]) -> int:
         status, message = EXIT_TERMINATED, "terminated"
     except KeyboardInterrupt:
         status, message = EXIT_INTERRUPTED, "interrupted"
+    finally:
+        if is_main:
+            signal.signal(signal.SIGTERM, before)
     sys.stderr.write(f"{prog}: {message}\n")
     return status
 
@@ -163,24 +154,17 @@ def command(
             sys.stdout.reconfigure(errors="backslashreplace")  # names of files may be no text
         built = parser()
         arguments = built.parse_args(argv) if has_subcommands else built.parse_intermixed_args(argv)
-        with _announcing_compilation(prog, getattr(arguments, "quiet", False)):
+        before = os.environ.get(COMPILATION_NOTICE)  # empty if the command that started this one is quiet
+        is_quiet = getattr(arguments, "quiet", False) or before == ""
+        os.environ[COMPILATION_NOTICE] = "" if is_quiet else COMPILING.format(prog)
+        try:
             return run(prog, lambda: _work(arguments))
+        finally:
+            del os.environ[COMPILATION_NOTICE]
+            if before is not None:
+                os.environ[COMPILATION_NOTICE] = before
 
     return _main
-
-
-@contextlib.contextmanager
-def _announcing_compilation(prog: str, quiet: bool) -> Iterator[None]:
-    """Print a line if kernels have to be compiled, unless the command or the one that started it is quiet."""
-    before = os.environ.get(COMPILATION_NOTICE)
-    os.environ[COMPILATION_NOTICE] = "" if quiet or before == "" else COMPILING.format(prog)
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ[COMPILATION_NOTICE]
-        else:
-            os.environ[COMPILATION_NOTICE] = before
 
 
 class Advance(Protocol):
@@ -352,8 +336,12 @@ def check_constraints(arguments: argparse.Namespace, constraints: Iterable[Const
 
 
 def write_json(path: str | Path, values: object) -> None:
-    """Write a JSON file in one piece."""
-    text = json.dumps(values, indent=1, allow_nan=False) + "\n"
+    """Write a JSON file in one piece, or to standard output."""
+    write_text(path, json.dumps(values, indent=1, allow_nan=False) + "\n")
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a file in one piece, or to standard output."""
     if str(path) == "-":
         sys.stdout.write(text)
         return

@@ -9,7 +9,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from hashlib import sha256
 from pathlib import Path
@@ -20,8 +19,6 @@ from dvc.errors import DvcError
 from dvc.versions import CODEC, library_versions, packages_digest
 
 PROG = "dvc-compile"
-INSTALL_EXTRA = "pip install 'dvc3d["
-"""Part of the message of a command that is not installed."""
 EXAMPLES = """\
   dvc-compile
   dvc-compile --jobs 4
@@ -82,25 +79,11 @@ WORDS = {
     "views": "left.png right.png",
 }
 """Parts of commands."""
-QUIET = {"decoder", "dvc.dibr", "dvc.stereo", "encoder", "sfm"}
-"""Programs with an option --quiet."""
-WITHOUT_QUIET = {"decode", "render"}
-"""Subcommands of `dvc-dibr` that have none."""
 
 
-def commands(chain: str) -> Iterator[list[str]]:
+def commands(chain: str) -> list[list[str]]:
     """Return the commands of a chain."""
-    for line in CHAINS[chain].format(**WORDS).strip().splitlines():
-        words = line.split()
-        quiet = words[0] in QUIET and words[1] not in WITHOUT_QUIET
-        yield [*words, "--quiet"] if quiet else words
-
-
-def _digest() -> str:
-    """Return a digest of all that compiled code depends on, and of the commands."""
-    environment = [f"{name}={value}" for name, value in os.environ.items() if name.startswith("NUMBA_")]
-    parts = [packages_digest([*CODEC, "sequences"]), library_versions(), sys.version, sorted(environment)]
-    return sha256(repr(parts).encode()).hexdigest()[:16]
+    return [line.split() for line in CHAINS[chain].format(**WORDS).strip().splitlines()]
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -114,11 +97,14 @@ def _parser() -> argparse.ArgumentParser:
 def _compile(arguments: argparse.Namespace) -> int:
     from dvc._jit import cache_folder
 
-    started_s, done_file = time.monotonic(), cache_folder() / f"compiled-{_digest()}"
+    started_s = time.monotonic()
+    environment = [f"{name}={value}" for name, value in os.environ.items() if name.startswith("NUMBA_")]
+    parts = [packages_digest([*CODEC, "sequences"]), library_versions(), sys.version, sorted(environment)]
+    done_file = cache_folder() / f"compiled-{sha256(repr(parts).encode()).hexdigest()[:16]}"
     if done_file.exists():
         sys.stdout.write(f"kernels have been compiled in {cache_folder()}\n")
         return 0
-    total = sum(len(list(commands(chain))) for chain in CHAINS)
+    total = sum(len(commands(chain)) for chain in CHAINS)
     with (
         tempfile.TemporaryDirectory() as name,
         cli.progress_bar("compiling", total) as done,
@@ -139,7 +125,7 @@ def _compile(arguments: argparse.Namespace) -> int:
                     text=True,
                     errors="replace",
                 )
-                if INSTALL_EXTRA in process.stderr:
+                if "pip install 'dvc3d[" in process.stderr:  # the command is not installed
                     return False
                 if process.returncode:
                     problem = process.stderr.strip() or f"status {process.returncode}"

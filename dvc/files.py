@@ -14,7 +14,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from dvc.errors import DvcError
@@ -42,9 +41,7 @@ class Closing(ABC):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
@@ -183,15 +180,9 @@ class OutputFile:
                 raise self._error(f"cannot write {self._named}: {err.strerror}") from err
             raise
 
-    def commit(self) -> None:
-        """Rename the file into place once the disk has it."""
-        self._rename(self._target)
-
-    def keep(self) -> None:
-        """Keep the written data under the visible name."""
-        self._rename(self.partial)
-
-    def _rename(self, name: Path) -> None:
+    def commit(self, *, partial: bool = False) -> None:
+        """Rename the file into place, or to the visible name of partial data, once the disk has it."""
+        name = self.partial if partial else self._target
         with self.naming():
             sync(self.temporary)
             os.replace(self.temporary, name)
@@ -236,7 +227,7 @@ def atomic_output(path: str | Path, *, visible: bool = False, kept: bool = False
         output.commit()
     except BaseException:
         if kept and output.temporary.stat().st_size > 0:
-            output.keep()
+            output.commit(partial=True)
         raise
     finally:
         output.discard()

@@ -6,7 +6,6 @@ stream), the version message of x264, and the NAL unit header, which follows fro
 """
 
 import struct
-from collections.abc import Mapping
 from fractions import Fraction
 from functools import lru_cache
 from typing import TYPE_CHECKING, Final, Literal, NamedTuple, cast
@@ -22,7 +21,6 @@ from dvc.video.writers import pad_frame
 
 if TYPE_CHECKING:
     import av
-    from av.video.codeccontext import VideoCodecContext
 
 MACROBLOCK_PX: Final = 16
 
@@ -104,16 +102,35 @@ class KeyFrameEncoder:
         predicted: bool = False,
         chroma_qp_offset: int | None = None,
     ) -> None:
+        import av
+        from av.codec.context import Flags
+
         if qp != "lossless" and not (isinstance(qp, int) and 1 <= qp <= MAX_QP):
             raise ValueError(f"`qp` must be 1 to {MAX_QP} or 'lossless', got {qp!r}")
         check_size(width, height, "key frames")
         self._size, self._qp = (width, height), qp
         self._luma_only, self._predicted = luma_only, predicted
-        size, parameters = _coded_size(width, height), _PREDICTED if predicted else _INTRA
+        size = _coded_size(width, height)
+        parameters = {**_X264_PARAMETERS, **(_PREDICTED if predicted else _INTRA)}
         if not (luma_only or qp == "lossless"):
             offset = CHROMA_QP_OFFSET if chroma_qp_offset is None else chroma_qp_offset
-            parameters = {**parameters, "chroma-qp-offset": offset}
-        self._context = _open_encoder(*size, qp == "lossless", luma_only, parameters)
+            parameters["chroma-qp-offset"] = offset
+        self._context = context = av.CodecContext.create("libx264", "w")
+        context.width, context.height = size
+        context.pix_fmt = "gray" if luma_only else "yuv420p"
+        context.framerate, context.time_base = 1 / _TIME_BASE, _TIME_BASE
+        context.thread_count = 1
+        context.flags |= Flags.global_header  # parameter sets apart from the pictures
+        context.options = {
+            "preset": "medium",
+            "tune": "zerolatency",
+            **({"qp": "0"} if qp == "lossless" else {"crf": str(_RATE_FACTOR)}),
+            "forced-idr": "1",
+            "x264-params": ":".join(f"{name}={value}" for name, value in parameters.items()),
+        }
+        if qp != "lossless":
+            context.profile = "High"
+        context.open()
         self._count = 0
         units = _nal_units(self._context.extradata or b"")
         sps, pps = (next(u for u in units if u[0] == header) for header in (_SPS_HEADER, _PPS_HEADER))
@@ -176,7 +193,11 @@ class KeyFrameDecoder:
         self._context = av.CodecContext.create("h264", "r")
         self._context.thread_count = 1
         self._context.options = {**_DECODER_OPTIONS, "max_pixels": str(max_pixels)}
-        self._context.extradata = _decoder_configuration(self._parameter_sets)
+        # An AVC decoder configuration record: NAL units after it have 4-byte lengths.
+        sps, pps = (
+            struct.pack(">H", len(unit)) + unit for unit in _split_parameter_sets(self._parameter_sets)
+        )
+        self._context.extradata = bytes([1]) + sps[3:6] + bytes([0xFF, 0xE1]) + sps + b"\x01" + pps
         try:
             self._context.open()
         except (av.FFmpegError, ValueError) as err:
@@ -238,34 +259,6 @@ def _coded_size(width: int, height: int) -> tuple[int, int]:
     return -(-width // MACROBLOCK_PX) * MACROBLOCK_PX, -(-height // MACROBLOCK_PX) * MACROBLOCK_PX
 
 
-def _open_encoder(
-    width: int, height: int, lossless: bool, luma_only: bool, further: Mapping[str, object]
-) -> "VideoCodecContext":
-    """Open libx264 with parameter sets apart from the pictures."""
-    import av
-    from av.codec.context import Flags
-
-    context = av.CodecContext.create("libx264", "w")
-    context.width, context.height = width, height
-    context.pix_fmt = "gray" if luma_only else "yuv420p"
-    context.framerate = 1 / _TIME_BASE
-    context.time_base = _TIME_BASE
-    context.thread_count = 1
-    context.flags |= Flags.global_header
-    parameters = {**_X264_PARAMETERS, **further}
-    context.options = {
-        "preset": "medium",
-        "tune": "zerolatency",
-        **({"qp": "0"} if lossless else {"crf": str(_RATE_FACTOR)}),
-        "forced-idr": "1",
-        "x264-params": ":".join(f"{name}={value}" for name, value in parameters.items()),
-    }
-    if not lossless:
-        context.profile = "High"
-    context.open()
-    return context
-
-
 @lru_cache(maxsize=MAX_QP)
 def _qp_filter(width: int, height: int, pixel_format: str, offset: int) -> "av.filter.Graph":
     """Return a filter that makes all of a picture a region of interest."""
@@ -293,13 +286,6 @@ def _split_parameter_sets(data: bytes) -> tuple[bytes, bytes]:
         raise BitstreamError("key frames: the parameter sets are damaged")
     end = 1 + data[0]
     return bytes([_SPS_HEADER]) + data[1:end], bytes([_PPS_HEADER]) + data[end:]
-
-
-def _decoder_configuration(parameter_sets: bytes) -> bytes:
-    """Write an AVC decoder configuration record: NAL units after it have 4-byte lengths."""
-    sps, pps = _split_parameter_sets(parameter_sets)
-    head = bytes([1]) + sps[1:4] + bytes([0xFF, 0xE1])
-    return head + struct.pack(">H", len(sps)) + sps + b"\x01" + struct.pack(">H", len(pps)) + pps
 
 
 def _without_vui(sps: bytes, coded_size: tuple[int, int]) -> bytes:

@@ -15,9 +15,7 @@ from dvc import MAX_PIXELS
 from dvc.arrays import Bytes, Floats, Singles
 from dvc.errors import DvcError, VideoError
 from dvc.files import read_whole
-
-MAX_SIDE_PX = 16384
-"""Longest side of a picture."""
+from dvc.video.frames import check_size
 
 MAP_FILE = "a picture of 8 or 16 bits, or a PFM file"
 """Accepted files of maps, for messages."""
@@ -91,11 +89,7 @@ def _stored(path: str | Path) -> NDArray[Any] | None:
         raise VideoError(f"{path}: pictures of more than {MAX_PIXELS} pixels are not supported") from err
     if stored is None or stored.dtype not in (np.uint8, np.uint16):
         return None
-    if max(stored.shape[:2]) > MAX_SIDE_PX or stored.shape[0] * stored.shape[1] > MAX_PIXELS:
-        raise VideoError(
-            f"{path}: {stored.shape[1]}x{stored.shape[0]} pictures are not supported "
-            f"(sides 1 to {MAX_SIDE_PX}, at most {MAX_PIXELS} pixels)"
-        )
+    check_size(stored.shape[1], stored.shape[0], str(path))
     return stored
 
 

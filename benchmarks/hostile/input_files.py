@@ -72,8 +72,8 @@ def try_files(read: Callable[[Path], bool], damaged: bytes) -> str:
     with tempfile.TemporaryDirectory() as folder:
         position = 0
         while position < len(damaged):
-            name, position = decode_bytes(damaged, position, len(damaged))
-            data, position = decode_bytes(damaged, position, len(damaged))
+            name, position = decode_bytes(damaged, position)
+            data, position = decode_bytes(damaged, position)
             (Path(folder) / name.decode()).write_bytes(data)
         try:
             if read(Path(folder)):

@@ -12,98 +12,51 @@ from typing import Any
 import msgspec
 
 from dvc.config.sections import (
-    CODERS,
-    DEFAULT_CODER,
-    DEFAULT_QP,
+    CODERS as CODERS,
+    DEFAULT_CODER as DEFAULT_CODER,
+    DEFAULT_QP as DEFAULT_QP,
     DISCOVER_LEVELS,
-    FALLBACKS,
-    INTRA_PERIOD,
-    MAPPERS,
-    MAX_GOP_LENGTH,
-    MAX_INTRA_PERIOD,
-    MAX_POINTS,
-    MAX_QP,
-    NOISE_MODELS,
-    REFERENCES,
-    SFM_BACKENDS,
-    ZIGZAG,
-    CascadeConfig,
-    CoderConfig,
-    GeometryConfig,
-    GopConfig,
-    KeyFrameConfig,
+    FALLBACKS as FALLBACKS,
+    INTRA_PERIOD as INTRA_PERIOD,
+    MAPPERS as MAPPERS,
+    MAX_GOP_LENGTH as MAX_GOP_LENGTH,
+    MAX_INTRA_PERIOD as MAX_INTRA_PERIOD,
+    MAX_POINTS as MAX_POINTS,
+    MAX_QP as MAX_QP,
+    NOISE_MODELS as NOISE_MODELS,
+    REFERENCES as REFERENCES,
+    SFM_BACKENDS as SFM_BACKENDS,
+    ZIGZAG as ZIGZAG,
+    CascadeConfig as CascadeConfig,
+    CoderConfig as CoderConfig,
+    GeometryConfig as GeometryConfig,
+    GopConfig as GopConfig,
+    KeyFrameConfig as KeyFrameConfig,
     Section,
-    SideInformationConfig,
-    TracksConfig,
-    TurboConfig,
-    VideoConfig,
-    WynerZivConfig,
+    SideInformationConfig as SideInformationConfig,
+    TracksConfig as TracksConfig,
+    TurboConfig as TurboConfig,
+    VideoConfig as VideoConfig,
+    WynerZivConfig as WynerZivConfig,
     check_choice,
     check_range,
     coder_type,
     field_types,
     is_section,
-    key_lambda,
+    key_lambda as key_lambda,
     shown,
 )
 from dvc.config.variants import (
-    DEFAULT_CODEC,
-    MAX_NEW_TRACKS,
-    MAX_TRACKS_BPP,
-    VARIANTS,
-    CodecVariant,
-    GroupPreset,
-    KeyFrameRule,
-    variant_of,
+    DEFAULT_CODEC as DEFAULT_CODEC,
+    MAX_NEW_TRACKS as MAX_NEW_TRACKS,
+    MAX_TRACKS_BPP as MAX_TRACKS_BPP,
+    VARIANTS as VARIANTS,
+    CodecVariant as CodecVariant,
+    GroupPreset as GroupPreset,
+    KeyFrameRule as KeyFrameRule,
+    variant_of as variant_of,
 )
 from dvc.errors import BitstreamError, ConfigError
-
-__all__ = [
-    "CODERS",
-    "DEFAULT_CODEC",
-    "DEFAULT_CODER",
-    "DEFAULT_QP",
-    "FALLBACKS",
-    "INTRA_PERIOD",
-    "MAPPERS",
-    "MAX_GOP_LENGTH",
-    "MAX_INTRA_PERIOD",
-    "MAX_NEW_TRACKS",
-    "MAX_POINTS",
-    "MAX_QP",
-    "MAX_TRACKS_BPP",
-    "NOISE_MODELS",
-    "REFERENCES",
-    "SFM_BACKENDS",
-    "VARIANTS",
-    "ZIGZAG",
-    "CascadeConfig",
-    "CodecConfig",
-    "CodecVariant",
-    "CoderConfig",
-    "Delivery",
-    "DiscoverMatrix",
-    "GeometryConfig",
-    "GopConfig",
-    "GroupPreset",
-    "KeyFrameConfig",
-    "KeyFrameRule",
-    "Live",
-    "NoFeedback",
-    "ParityBuffer",
-    "Qp",
-    "Quality",
-    "SideInformationConfig",
-    "TracksConfig",
-    "TurboConfig",
-    "VideoConfig",
-    "WynerZivConfig",
-    "codec_config",
-    "decode_config",
-    "encode_config",
-    "key_lambda",
-    "variant_of",
-]
 
 
 @dataclass(frozen=True)
@@ -262,8 +215,13 @@ def codec_config(
     variant = variant_of(codec)
     embedded = isinstance(quality, Qp)
     key = KeyFrameConfig(quality.key_qp, intra_period=variant.intra_period if embedded else 0)
+    # References and key frames that replace those of the variant change its groups.
+    gop, override = overrides.get("gop"), overrides.get("key", key)
+    references = str(gop.get("references", variant.references)) if isinstance(gop, Mapping) else None
+    override = replace(key, **override) if isinstance(override, Mapping) else override
+    period = getattr(override, "intra_period", 0)
     sections: dict[str, Any] = {
-        "gop": _gop_config(variant, key, overrides),
+        "gop": GopConfig(variant.groups(references, period).length, references or variant.references),
         "key": key,
         "wyner_ziv": quality.wyner_ziv,
         "coder": CascadeConfig(),
@@ -275,18 +233,6 @@ def codec_config(
     for name, override in overrides.items():
         sections[name] = replace(sections[name], **override) if isinstance(override, Mapping) else override
     return CodecConfig(video, codec, **sections)
-
-
-def _gop_config(variant: CodecVariant, key: KeyFrameConfig, overrides: Mapping[str, Any]) -> GopConfig:
-    """Return the default groups of pictures for a variant and overrides of its references and key frames."""
-    gop, key_override = overrides.get("gop"), overrides.get("key")
-    references = str(gop.get("references", variant.references)) if isinstance(gop, Mapping) else None
-    period = key.intra_period
-    if isinstance(key_override, KeyFrameConfig):
-        period = key_override.intra_period
-    elif isinstance(key_override, Mapping):
-        period = key_override.get("intra_period", period)
-    return GopConfig(variant.groups(references, period).length, references or variant.references)
 
 
 def encode_config(config: CodecConfig) -> bytes:

@@ -133,15 +133,13 @@ def _report(arguments: argparse.Namespace) -> int:
         outputs = [arguments.out]
     if outputs[0].suffix[1:] not in REPORTS:
         raise ConfigError(f"--out must be a file name that ends with .html or .md, got {str(outputs[0])!r}")
-    collection = read_folders(arguments.folders)
-    results, figures = collection.results, arguments.figures
+    (results, notes), figures = read_folders(arguments.folders), arguments.figures
     anchor = find_label(results, arguments.against) if arguments.against else ANCHOR_LABEL
     judged = verdicts(experiments(results))
     texts = [path for path in outputs if path.suffix == ".md"]
     written = list(outputs)
     for path in set(outputs) - set(texts):
-        notes, pictures = collection.notes, arguments.pictures
-        write_page(results, path, anchor, notes=notes, pictures=pictures, judged=judged)
+        write_page(results, path, anchor, notes=notes, pictures=arguments.pictures, judged=judged)
     if texts or figures is not None:
         stem, folder = (texts or outputs)[0].stem, texts[0].parent if figures is None else figures
         written += write_report(results, texts, anchor, folder=folder, judged=judged, stem=stem)
@@ -185,7 +183,7 @@ def _compare(arguments: argparse.Namespace) -> int:
         after = None if after is None else at_equal(after, arguments.quality)
     comparisons = compare(before, after, arguments.against, arguments.curves)
     if arguments.csv is not None:
-        _write(arguments.csv, comparison_csv(comparisons))
+        cli.write_text(arguments.csv, comparison_csv(comparisons))
     if arguments.csv != "-":
         _print_table(*comparison_table(comparisons))
     if not any(one.is_comparable for one in comparisons):
@@ -220,7 +218,8 @@ def _export(arguments: argparse.Namespace) -> int:
     from dvc.rd.points_csv import results_csv
     from dvc.rd.rd_results import read_results
 
-    _write(arguments.csv, results_csv(read_results(arguments.folder), per_frame=arguments.frames))
+    text = results_csv(read_results(arguments.folder), per_frame=arguments.frames)
+    cli.write_text(arguments.csv, text)
     return 0
 
 
@@ -246,17 +245,6 @@ def _import(arguments: argparse.Namespace) -> int:
         line = cli.one_line(f"nothing is measured in {arguments.out} on these frames of {name}")
         sys.stderr.write(f"{PROG}: {line}\n")
     return 0
-
-
-def _write(name: str, text: str) -> None:
-    """Write a file in one piece, or to standard output."""
-    if name == "-":
-        sys.stdout.write(text)
-        return
-    from dvc.files import atomic_output
-
-    with atomic_output(name) as temporary:
-        temporary.write_text(text, encoding="utf-8")
 
 
 _SUBCOMMANDS = {

@@ -68,7 +68,12 @@ class ProcessGroup:
             process.returncode = os.waitstatus_to_exitcode(status)
             self.pause(0.0)
             if process.returncode != 0:
-                raise DvcError(_failure(process.returncode, errors))
+                if process.returncode < 0:
+                    raise DvcError(f"the process was ended by {signal.Signals(-process.returncode).name}")
+                errors.seek(max(0, errors.seek(0, os.SEEK_END) - _MAX_MESSAGE_BYTES))
+                lines = errors.read().decode("utf-8", "replace").split("\n")
+                messages = [line.strip() for line in lines if line.strip()]
+                raise DvcError([f"the process ended with status {process.returncode}", *messages][-1])
             return ProcessTimes(usage.ru_utime + usage.ru_stime, time.perf_counter() - started)
 
     def stop(self) -> None:
@@ -89,14 +94,3 @@ class ProcessGroup:
 def _terminate(group: int) -> None:
     with suppress(ProcessLookupError):
         os.killpg(group, signal.SIGTERM)
-
-
-def _failure(status: int, errors: IO[bytes]) -> str:
-    """Return the last line of a failed process on standard error, or its status."""
-    if status < 0:
-        return f"the process was ended by {signal.Signals(-status).name}"
-    size = errors.seek(0, os.SEEK_END)
-    errors.seek(max(0, size - _MAX_MESSAGE_BYTES))
-    lines = errors.read().decode("utf-8", "replace").split("\n")
-    messages = [line.strip() for line in lines if line.strip()]
-    return messages[-1] if messages else f"the process ended with status {status}"

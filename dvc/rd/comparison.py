@@ -26,8 +26,6 @@ from dvc.rd.rd_results import PointResult, mean
 
 NOTHING = "–"
 """Text of a cell without a value."""
-QUALITIES = ("luma", "mse", "colour")
-"""Mean PSNR of luma, PSNR of its mean squared error, or the mean with chroma, (6 Y + Cb + Cr) / 8."""
 CSV_COLUMNS = (
     *("sequence", "codec", "against", "bd_rate_percent", "overlap_low_db", "overlap_high_db"),
     *("overlap_share", "num_points", "num_points_against", "bd_psnr_db", "overlap_low_kbps"),
@@ -38,7 +36,7 @@ CSV_COLUMNS = (
 
 
 def at_equal(results: Sequence[PointResult], quality: str) -> list[PointResult]:
-    """Return points that have one measure of quality as their only PSNR."""
+    """Return points that have a measure of quality (luma, mse or colour) as their only PSNR."""
     changed = []
     for result in results:
         psnr_db: float | None = result.psnr_y_db
@@ -119,8 +117,9 @@ def comparison_table(comparisons: Sequence[Comparison]) -> tuple[list[str], list
     """Return head and rows of a table of comparisons, with means over the sequences."""
     measures = table_measures(any(one.in_colour for one in comparisons))
     titles = measure_titles(measures)
-    head = ["sequence", "codec", "against", *(f"BD-rate{one} (overlap, points)" for one in titles)]
-    head += [
+    head = [
+        *("sequence", "codec", "against"),
+        *(f"BD-rate{one} (overlap, points)" for one in titles),
         *(f"BD-PSNR{one}" for one in titles),
         f"{'luma ' if len(measures) > 1 else ''}PSNR at equal rate",
     ]
@@ -224,8 +223,6 @@ def _bd_rate_percent(anchor: Curve | None, curve: Curve, measure: Measure) -> fl
     return None if isinstance(difference, str) else difference.value
 
 
-MIN_PERCENT = 0.05
-"""Smallest difference in rate that is not rounded to zero."""
 Outcome = Literal["better", "worse", "none"]
 
 
@@ -349,6 +346,6 @@ def _cell(difference: BdResult | str | None) -> Cell:
 
 def _outcome(difference: BdResult | str) -> Outcome:
     """Judge a difference in rate; one that is shown as zero is none."""
-    if isinstance(difference, str) or abs(difference.value) < MIN_PERCENT:
+    if isinstance(difference, str) or abs(difference.value) < 0.05:
         return "none"
     return "better" if difference.value < 0 else "worse"

@@ -16,9 +16,8 @@ import dvc
 from dvc.environment import child_environment, python_module
 from dvc.files import lock
 from dvc.rd.child_processes import ProcessGroup
-from dvc.versions import codec_digest, packages_digest
+from dvc.versions import CODEC, codec_digest, packages_digest
 
-_CODEC_PACKAGES = ("dvc", "encoder", "decoder", "sfm")
 _POLL_S = 0.2
 
 
@@ -75,12 +74,12 @@ def catalogue(processes: ProcessGroup, *arguments: str) -> Any:
 
 @dataclass(frozen=True)
 class CodeVersion:
-    """Version of the codec."""
+    """Version of the codec, or source of an imported point."""
 
     version: str  # version of the distribution
-    # commit of the repository that tracks the code, with ``-dirty`` if a package of the codec was changed
-    commit: str | None
     digest: str  # digest of the code of the codec
+    # commit of the repository that tracks the code, with ``-dirty`` if a package of the codec was changed
+    commit: str | None = None
 
 
 @cache
@@ -120,7 +119,7 @@ def _commit(source: Path) -> str | None:
         if _git(folder, "ls-files", "--error-unmatch", source.name) is None:
             return None
         commit = _git(folder, "rev-parse", "--short=12", "HEAD")
-        changed = _git(folder.parent, "status", "--porcelain", "--", *_CODEC_PACKAGES)
+        changed = _git(folder.parent, "status", "--porcelain", "--", *CODEC)
     except OSError:
         return None
     return commit if not (commit and changed) else f"{commit}-dirty"

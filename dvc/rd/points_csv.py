@@ -167,7 +167,16 @@ def _curve(result: PointResult) -> tuple[Frames, str]:
 
 def import_points(path: Path, folder: Path) -> list[PointResult]:
     """Read points and write them as results, which replace those of the same codecs and sequences."""
-    text, name = _read_text(path)
+    if str(path) == OPENDVC and not path.exists():
+        path = Path(__file__).with_name(f"{OPENDVC}.csv")
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            text = file.read(MAX_CHARACTERS + 1)
+    except (OSError, UnicodeDecodeError) as err:
+        raise DvcError(f"{path}: cannot be read: {getattr(err, 'strerror', None) or err}") from err
+    if len(text) > MAX_CHARACTERS:
+        raise DvcError(f"{path}: more than {MAX_CHARACTERS} characters")
+    name = path.name
     has_results = any((folder / POINTS_FOLDER).glob("*.json"))
     previous = read_results(folder) if has_results else []
     measured = {_frames(result): asdict(result.sequence) for result in previous if result.codec != IMPORTED}
@@ -204,19 +213,6 @@ def unmatched_sequences(points: Sequence[PointResult], folder: Path) -> list[str
     return list(dict.fromkeys(point.sequence.name for point in points if _frames(point) not in measured))
 
 
-def _read_text(path: Path) -> tuple[str, str]:
-    if str(path) == OPENDVC and not path.exists():
-        path = Path(__file__).with_name(f"{OPENDVC}.csv")
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            text = file.read(MAX_CHARACTERS + 1)
-    except (OSError, UnicodeDecodeError) as err:
-        raise DvcError(f"{path}: cannot be read: {getattr(err, 'strerror', None) or err}") from err
-    if len(text) > MAX_CHARACTERS:
-        raise DvcError(f"{path}: more than {MAX_CHARACTERS} characters")
-    return text, path.name
-
-
 def _rows(text: str, name: str) -> list[tuple[int, Mapping[str, str]]]:
     """Return the rows with the numbers of their lines, without lines that begin with #."""
     lines = "".join("\n" if line.startswith("#") else line for line in io.StringIO(text, newline=""))
@@ -240,7 +236,14 @@ def _point(cells: Mapping[str, str], source: str, measured: Mapping[Frames, Any]
     given = {name: value.lower() if name == "luma_only" else value for name, value in cells.items() if value}
     row = msgspec.convert(given, ImportedRow, strict=False)
     frames = (row.sequence, row.first_frame, row.frames, row.luma_only)
-    sequence = measured.get(frames) or _sequence(row)
+    sequence = measured.get(frames)
+    if sequence is None:
+        if missing := [name for name in _SIZE if getattr(row, name) is None]:
+            span = f"frames {row.first_frame} to {row.first_frame + row.frames - 1} of {row.sequence}"
+            raise ValueError(f"{', '.join(missing)} must be given, as nothing is measured here on {span}")
+        digest = row.sequence_digest or values_digest([IMPORTED, row.sequence])
+        size = {name: getattr(row, name) for name in _SIZE}
+        sequence = {"name": row.sequence, "digest": digest, **size}
     duration_s = row.frames / sequence["frames_per_s"]
     bits = 1000 * row.rate_kbps * duration_s
     if not max(bits, duration_s) < MAX_NUMBER:
@@ -277,12 +280,3 @@ def _point(cells: Mapping[str, str], source: str, measured: Mapping[Frames, Any]
         },
         "times": {"encode_cpu_s": None, "decode_cpu_s": None},
     }
-
-
-def _sequence(row: ImportedRow) -> dict[str, Any]:
-    """Return the description that a row gives of a sequence without measured points."""
-    if missing := [name for name in _SIZE if getattr(row, name) is None]:
-        span = f"frames {row.first_frame} to {row.first_frame + row.frames - 1} of {row.sequence}"
-        raise ValueError(f"{', '.join(missing)} must be given, as nothing is measured here on {span}")
-    digest = row.sequence_digest or values_digest([IMPORTED, row.sequence])
-    return {"name": row.sequence, "digest": digest, **{name: getattr(row, name) for name in _SIZE}}

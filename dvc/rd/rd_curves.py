@@ -98,22 +98,15 @@ def experiments(results: Sequence[PointResult]) -> list[Experiment]:
         title = f"{sequence.name}: {size}, {frames}, {'luma only' if luma_only else 'colour'}"
         curves.sort(key=lambda curve: (curve.is_anchor, curve.label))
         built.append(Experiment(name, title, slug, key, tuple(curves)))
-    return _with_unique_names(built)
-
-
-def _with_unique_names(built: list[Experiment]) -> list[Experiment]:
-    """Add the frames, or a number if these are equal, to names that several experiments have."""
-    groups: dict[str, list[Experiment]] = {}
+    # Names that several experiments have get the frames, or a number if these are equal.
+    renamed = []
     for one in built:
-        groups.setdefault(one.name, []).append(one)
-    names = {}
-    for name, members in groups.items():
-        spans = [(one.key[1], one.key[1] + one.key[2] - 1) for one in members]
-        differ = len(set(spans)) == len(spans)
-        for number, (one, (first, last)) in enumerate(zip(members, spans, strict=True), 1):
-            extra = f"frames {first} to {last}" if differ else str(number)
-            names[one.key] = f"{name} ({extra})" if len(members) > 1 else name
-    return [replace(one, name=names[one.key]) for one in built]
+        members = [other for other in built if other.name == one.name]
+        spans = [f"frames {other.key[1]} to {other.key[1] + other.key[2] - 1}" for other in members]
+        number = members.index(one)
+        extra = spans[number] if len(set(spans)) == len(spans) else str(number + 1)
+        renamed.append(replace(one, name=f"{one.name} ({extra})") if len(members) > 1 else one)
+    return renamed
 
 
 def _label(result: PointResult) -> str:

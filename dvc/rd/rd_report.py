@@ -5,7 +5,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dvc import cli
 from dvc.config import VARIANTS
@@ -35,9 +35,6 @@ from dvc.web.plotting import (
     new_figure,
     plain,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 RATE_COST_CAPTION = (
     "Mean difference in rate at equal PSNR, and processor time of encoding a frame without reading the input "
@@ -104,16 +101,22 @@ def escaped(text: str) -> str:
     return cli.one_line(text).replace("|", "\\|").replace("<", "&lt;")
 
 
-def fenced(lines: Sequence[str]) -> str:
-    """Return lines as a code block."""
-    text = "".join(f"{line}\n" for line in lines)
-    fence = "`" * max(3, 1 + max((len(run) for run in re.findall("`+", text)), default=0))
-    return f"{fence}\n{text}{fence}\n"
-
-
 def preface(results: Sequence[PointResult]) -> str:
-    """Return the origin of the points, and the meaning of rates and PSNRs."""
-    return f"{measured_text(results)} {rates_text(results)} {psnrs_text(results)}"
+    """Return number, dates and versions of the points, and the meaning of rates and PSNRs."""
+    sources = [result.code.version for result in results if result.codec == IMPORTED]
+    names = escaped(", ".join(sorted(set(sources))))
+    imported = f"{len(sources)} points were not measured here: rates and PSNRs are those of {names}."
+    measured = [result for result in results if result.codec != IMPORTED]
+    sentences = [imported] if sources or not measured else []
+    if measured:
+        versions = sorted({(result.code.version, result.code.commit or "no commit") for result in measured})
+        num_digests = len(code_digests(measured))
+        dates = sorted(result.date[:10] for result in measured)
+        code = escaped(", ".join(f"dvc3d {version} ({commit})" for version, commit in versions))
+        mixed = f" The points come from {num_digests} versions of the code." if num_digests > 1 else ""
+        period = dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"
+        sentences.insert(0, f"{len(measured)} points, measured {period} with {code}.{mixed}")
+    return " ".join([*sentences, rates_text(results), psnrs_text(results)])
 
 
 def psnrs_text(results: Sequence[PointResult]) -> str:
@@ -139,24 +142,6 @@ def rates_text(results: Sequence[PointResult]) -> str:
     if len(with_feedback) < len(codecs):
         sentences.append("Rates of distributed codecs without feedback are sizes of the encoder's own files.")
     return " ".join([*sentences, f"Rates of {'other ' if codecs else ''}codecs are sizes of whole files."])
-
-
-def measured_text(results: Sequence[PointResult]) -> str:
-    """Return the number of points, their dates, and the versions of their code."""
-    sources = [result.code.version for result in results if result.codec == IMPORTED]
-    names = escaped(", ".join(sorted(set(sources))))
-    imported = f"{len(sources)} points were not measured here: rates and PSNRs are those of {names}."
-    results = [result for result in results if result.codec != IMPORTED]
-    if not results:
-        return imported
-    versions = sorted({(result.code.version, result.code.commit or "no commit") for result in results})
-    num_digests = len(code_digests(results))
-    dates = sorted(result.date[:10] for result in results)
-    code = escaped(", ".join(f"dvc3d {version} ({commit})" for version, commit in versions))
-    mixed = f" The points come from {num_digests} versions of the code." if num_digests > 1 else ""
-    period = dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"
-    text = f"{len(results)} points, measured {period} with {code}.{mixed}"
-    return f"{text} {imported}" if sources else text
 
 
 def code_digests(results: Sequence[PointResult]) -> set[str]:
@@ -295,13 +280,13 @@ def _report_text(
         for curve in experiment.curves:
             parts += [f"### {name}, {escaped(curve.label)}\n", table(*points_cells(curve))]
         commands = [line for curve in experiment.curves for point in curve.points for line in point.commands]
-        parts += ["<details><summary>Commands</summary>\n", fenced(commands), "</details>\n"]
+        text = "".join(f"{line}\n" for line in commands)
+        fence = "`" * max(3, 1 + max((len(run) for run in re.findall("`+", text)), default=0))
+        parts += ["<details><summary>Commands</summary>\n", f"{fence}\n{text}{fence}\n", "</details>\n"]
     return "\n".join(parts)
 
 
-def render_experiment(
-    experiment: Experiment, styles: Mapping[str, Style], anchor: str = ANCHOR_LABEL
-) -> dict[str, bytes]:
+def render_experiment(experiment: Experiment, styles: Mapping[str, Style], anchor: str) -> dict[str, bytes]:
     """Draw the curves of an experiment; return the files by suffix."""
     reference = experiment.anchor(anchor)
     curves = [curve for curve in experiment.curves if not curve.has_lossless_keys] or experiment.curves
@@ -320,7 +305,22 @@ def render_experiment(
             axes.set_xlim(max(0.0, min(rates) - 0.2 * width), max(rates) + 0.3 * max(width, 0.1 * max(rates)))
             axes.set_ylim(min(psnrs) - 0.15 * height, max(psnrs) + 0.12 * height)
         if codecs:
-            _name_points(axes, codecs[0], styles[codecs[0].label].colour)
+            # The levels next to the points of a curve, if they have room.
+            last = (float("-inf"), float("-inf"))
+            for point in codecs[0].points:
+                x, y = axes.transData.transform((point.rate_kbps, point.psnr_y_db))
+                if max(abs(x - last[0]), abs(y - last[1])) < LABEL_ROOM_PX:
+                    continue
+                last = (x, y)
+                axes.annotate(
+                    point.level,
+                    (point.rate_kbps, point.psnr_y_db),
+                    xytext=(-5, 6),
+                    textcoords="offset points",
+                    ha="right",
+                    color=styles[codecs[0].label].colour,
+                    fontsize=8,
+                )
         axes.set_title(plain(experiment.title), fontsize=10)
         axes.set_xlabel("rate [kbit/s]")
         axes.set_ylabel("luma PSNR [dB]")
@@ -334,18 +334,6 @@ def _line_options(style: Style, label: str) -> dict[str, Any]:
     """Return colour, markers and label of a line for matplotlib."""
     face = "none" if style.is_open else style.colour
     return {"color": style.colour, "marker": style.marker, "markerfacecolor": face, "label": plain(label)}
-
-
-def _name_points(axes: "Axes", curve: Curve, colour: str) -> None:
-    """Write the levels next to the points of a curve if they have room."""
-    last = (float("-inf"), float("-inf"))
-    for point in curve.points:
-        x, y = axes.transData.transform((point.rate_kbps, point.psnr_y_db))
-        if max(abs(x - last[0]), abs(y - last[1])) < LABEL_ROOM_PX:
-            continue
-        last = (x, y)
-        offset: dict[str, Any] = {"xytext": (-5, 6), "textcoords": "offset points", "ha": "right"}
-        axes.annotate(point.level, (point.rate_kbps, point.psnr_y_db), color=colour, fontsize=8, **offset)
 
 
 def _legend(curve: Curve, anchor: Curve | None) -> str:
@@ -373,15 +361,12 @@ def render_rate_cost(
             axes.plot([point.cost_ms], [point.bd_rate_percent], linestyle="none", markersize=8, **options)
         axes.set_xscale("log")
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axes.xaxis.set_minor_formatter(FuncFormatter(_minor_label))
+        # Labels between powers of ten: only 2 and 5 times these.
+        minor = FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
+        axes.xaxis.set_minor_formatter(minor)
         axes.set_xlabel("processor time of encoding a frame [ms]")
         axes.set_ylabel(plain(f"BD-rate against {reference} [%]"))
         axes.grid(color="#dddddd", linewidth=0.8, which="both")
         axes.set_axisbelow(True)
         axes.legend(loc="best", fontsize=8)
         return {suffix: contents(figure, suffix) for suffix in SUFFIXES}
-
-
-def _minor_label(value: float, _: object) -> str:
-    """Label only 2 and 5 times powers of ten between the powers themselves."""
-    return f"{value:g}" if f"{value:e}"[0] in "25" else ""

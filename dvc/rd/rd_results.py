@@ -11,7 +11,7 @@ from msgspec import Meta
 
 from dvc import cli
 from dvc.errors import DvcError
-from dvc.rd.originals import values_digest
+from dvc.rd.originals import CodeVersion, values_digest
 from dvc.rd.specification import SCHEMA, Point, Task
 
 POINTS_FOLDER = "points"
@@ -56,15 +56,6 @@ class PointOptions:
     qp: int | None = None
     decoder: dict[str, str] = field(default_factory=dict)
     proof: bool = True
-
-
-@dataclass(frozen=True)
-class CodeInfo:
-    """Code that made a result; of an imported point, its source."""
-
-    version: str
-    digest: str
-    commit: str | None = None
 
 
 @dataclass(frozen=True)
@@ -165,7 +156,7 @@ class PointResult:
     sequence: SequenceInfo
     codec: str
     options: PointOptions
-    code: CodeInfo
+    code: CodeVersion
     key: KeyQuality
     totals: Totals
     times: CpuTimes
@@ -305,21 +296,13 @@ def read_results(folder: Path) -> list[PointResult]:
     return results
 
 
-@dataclass(frozen=True)
-class Collection:
-    """Results of several experiments."""
-
-    results: tuple[PointResult, ...]  # each point once, with absolute names of pictures
-    notes: tuple[str, ...]  # files that were left out, results that newer ones replace
-
-
-def read_folders(folders: Sequence[Path]) -> Collection:
-    """Read the results of several experiments; of a point that was measured twice the newer result counts."""
+def read_folders(folders: Sequence[Path]) -> tuple[list[PointResult], list[str]]:
+    """Return each point of several experiments once, the newer result if two are there, and notes."""
     newest: dict[str, PointResult] = {}
     damaged: list[str] = []
     num_replaced = 0
     for folder in folders:
-        results = read_results(folder)
+        results, root = read_results(folder), folder.resolve()
         names = {result.name for result in results}
         damaged += [
             path.name for path in sorted((folder / POINTS_FOLDER).glob("*.json")) if path.stem not in names
@@ -329,7 +312,14 @@ def read_folders(folders: Sequence[Path]) -> Collection:
             other = newest.get(key)
             num_replaced += other is not None and other.identity != result.identity
             if other is None or result.date > other.date:
-                newest[key] = _with_absolute_pictures(result, folder)
+                newest[key] = result
+                if result.pictures is not None:  # absolute names, if these do not lead out of the folder
+                    located: dict[str, Any] = {}
+                    for kind in PICTURE_KINDS:
+                        name = getattr(result.pictures, kind) or ""
+                        path = root if "\0" in name else (root / name).resolve()
+                        located[kind] = str(path) if root in path.parents else None
+                    newest[key] = replace(result, pictures=replace(result.pictures, **located))
     notes = []
     if damaged:
         noun = "damaged file" if len(damaged) == 1 else "damaged files"
@@ -337,17 +327,4 @@ def read_folders(folders: Sequence[Path]) -> Collection:
     if num_replaced:
         noun = "result" if num_replaced == 1 else "results"
         notes.append(f"{num_replaced} {noun} of an older measurement left out for a newer one.")
-    return Collection(tuple(newest.values()), tuple(notes))
-
-
-def _with_absolute_pictures(result: PointResult, folder: Path) -> PointResult:
-    """Make the names of pictures absolute; drop those that lead out of the folder."""
-    if result.pictures is None:
-        return result
-    root = folder.resolve()
-    located: dict[str, Any] = {}
-    for kind in PICTURE_KINDS:
-        name = getattr(result.pictures, kind)
-        path = root if name is None or "\0" in name else (root / name).resolve()
-        located[kind] = str(path) if root in path.parents else None
-    return replace(result, pictures=replace(result.pictures, **located))
+    return list(newest.values()), notes

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import accumulate, pairwise
-from types import TracebackType
 from typing import BinaryIO, NamedTuple, Self
 
 from dvc.bits import decode_bytes, decode_varint, encode_varint
@@ -177,25 +176,15 @@ def encode_gop(record: GopRecord) -> bytes:
     return b"".join(parts)
 
 
-class GopHead(NamedTuple):
-    """First field of a GOP payload."""
-
-    num_frames: int  # frames that the GOP adds
-    has_tracks: bool  # whether tracks follow
-    predicted: bool  # whether its key frame is predicted
-    has_deviations: bool  # whether time stamps follow
-    position: int  # offset of the byte after the field
-
-
-def decode_head(payload: bytes, position: int = 0) -> GopHead:
-    """Read the first field of a GOP payload."""
-    value, position = decode_varint(payload, position)
+def decode_head(payload: bytes) -> tuple[int, bool, bool, bool, int]:
+    """Return number of frames; flags of tracks, a predicted key frame, time stamps; position after these."""
+    value, position = decode_varint(payload, 0)
     has_deviations = value >= _DEVIATIONS
     value -= _DEVIATIONS * has_deviations
     num_frames = value >> 2
     if not 1 <= num_frames <= MAX_GOP_LENGTH:
         raise BitstreamError(f"{num_frames} frames, from 1 to {MAX_GOP_LENGTH} are allowed")
-    return GopHead(num_frames, bool(value & 1), bool(value & 2), has_deviations, position)
+    return num_frames, bool(value & 1), bool(value & 2), has_deviations, position
 
 
 def decode_gop(payload: bytes, with_digest: bool = False) -> GopRecord:
@@ -228,12 +217,12 @@ def decode_gop(payload: bytes, with_digest: bool = False) -> GopRecord:
     if has_deviations:
         deviations, position = decode_deviations(payload, position, num_frames)
     if has_tracks:
-        tracks, position = decode_bytes(payload, position, len(payload))
+        tracks, position = decode_bytes(payload, position)
         if not tracks:
             raise BitstreamError("tracks are announced, but empty")
     wyner_ziv = []
     for _ in range(num_frames - 1):
-        frame, position = decode_bytes(payload, position, len(payload))
+        frame, position = decode_bytes(payload, position)
         wyner_ziv.append(frame)
     return GopRecord(num_frames, payload[position:], predicted, tracks, tuple(wyner_ziv), digest, deviations)
 
@@ -290,20 +279,9 @@ class StreamWriter:
         self.num_bytes += len(data)
 
     def write_gop(self, record: GopRecord) -> None:
-        """Append a group of pictures.
+        """Append the next group of pictures in order of display; the first adds one frame, a key frame.
 
-        Parameters
-        ----------
-        record : GopRecord
-            The next one in order of display; the first adds one frame, the first key frame.
-
-        Raises
-        ------
-        ValueError
-            If the stream is closed, the number of frames does not fit the configuration, or a digest is
-            missing or too many.
-        BitstreamError
-            If the record would be too large, or the stream too long.
+        One that does not fit the configuration is a `ValueError`, one that is too large a `BitstreamError`.
         """
         if self._closed:
             raise ValueError("the stream is closed")
@@ -337,8 +315,6 @@ class StreamWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             self.close()

@@ -9,25 +9,24 @@ from pathlib import Path
 from typing import BinaryIO
 
 from dvc.bits import MAX_VARINT_BYTES
-from dvc.config import CodecConfig
+from dvc.config import CodecConfig, decode_config
 from dvc.errors import BitstreamError
 from dvc.files import PARTIAL_SUFFIX, Closing, natural_key
 from dvc.stream.gop import Deviations, GopRecord, decode_gop, decode_head, following
 from dvc.stream.records import (
     CRC_BYTES,
     FORMAT_VERSION,
+    FORMS,
     MAGIC,
     MAX_GOPS,
     SIZE_BYTES,
     TRAILER_BYTES,
     Form,
     IndexEntry,
-    RecordPosition,
     RecordSource,
     RecordType,
     StreamEnds,
     StreamIndex,
-    decode_configuration,
     decode_end,
     framed_size,
 )
@@ -94,7 +93,9 @@ class StreamReader(Closing):
         if record_at.type is not RecordType.CONFIGURATION:
             raise record_at.error("the first record must be the configuration")
         try:
-            self.config, self.form = decode_configuration(payload)
+            if not payload or payload[0] not in FORMS:
+                raise BitstreamError("unknown form; known are buffered, punctured and no-feedback")
+            self.config, self.form = decode_config(payload[1:]), FORMS[payload[0]]
         except BitstreamError as err:
             raise record_at.error(err) from err
 
@@ -115,7 +116,16 @@ class StreamReader(Closing):
             if record_at.type is RecordType.END:
                 self._check_end(payload)
                 raise StopIteration
-            record = self._accept_gop(record_at, payload)
+            if record_at.type is not RecordType.GOP:
+                raise BitstreamError("the configuration must come first and once")
+            if len(self._seen) == MAX_GOPS:
+                raise BitstreamError(f"more than {MAX_GOPS} groups of pictures")
+            record = decode_gop(payload, self.form is Form.PUNCTURED)
+            limit = self.config.gop.length if self._seen else 1
+            if record.num_frames > limit:
+                raise BitstreamError(f"{record.num_frames} frames, at most {limit} are allowed")
+            if record.predicted and not (self._seen and self.config.key.predicted):
+                raise BitstreamError("a predicted key frame has no reference here")
         except BitstreamError as err:
             raise record_at.error(err) from err
         number, entry = len(self._seen), IndexEntry(offset, self._source.position - offset, record.num_frames)
@@ -123,19 +133,6 @@ class StreamReader(Closing):
         if self._index is not None and self._index.entries[number : number + 1] != (entry,):
             raise record_at.error("the index does not agree with the record")
         self._done = False
-        return record
-
-    def _accept_gop(self, record_at: RecordPosition, payload: bytes) -> GopRecord:
-        if record_at.type is not RecordType.GOP:
-            raise BitstreamError("the configuration must come first and once")
-        if len(self._seen) == MAX_GOPS:
-            raise BitstreamError(f"more than {MAX_GOPS} groups of pictures")
-        record = decode_gop(payload, self.form is Form.PUNCTURED)
-        limit = self.config.gop.length if self._seen else 1
-        if record.num_frames > limit:
-            raise BitstreamError(f"{record.num_frames} frames, at most {limit} are allowed")
-        if record.predicted and not (self._seen and self.config.key.predicted):
-            raise BitstreamError("a predicted key frame has no reference here")
         return record
 
     def _miss(self, finished: Sequence[IndexEntry], end: StreamEnds) -> None:
@@ -218,7 +215,7 @@ class StreamReader(Closing):
                 break
             beginning = source.read(min(size, MAX_VARINT_BYTES))
             try:
-                num_frames = decode_head(beginning).num_frames
+                num_frames, *_ = decode_head(beginning)
             except BitstreamError as err:
                 raise record_at.error(err) from err
             entries.append(IndexEntry(record_at.offset, framed_size(size), num_frames))
@@ -272,7 +269,14 @@ class RecordingReader(Closing):
         self._index: StreamIndex | None = None
         self._starts: list[int] = []  # number of the first GOP of each segment, once the index is read
         self.num_bytes = 0  # size of all segments
-        for path in _segments(Path(folder), unfinished):
+        suffixes = (STREAM_SUFFIX, STREAM_SUFFIX + PARTIAL_SUFFIX) if unfinished else (STREAM_SUFFIX,)
+        try:
+            paths = sorted(Path(folder).iterdir(), key=natural_key)
+        except OSError as err:
+            raise BitstreamError(f"cannot be read ({err.strerror})") from err
+        for path in paths:
+            if not path.name.endswith(suffixes) or path.name.startswith("."):
+                continue
             with _naming(path):
                 try:
                     with StreamReader(path, unfinished=self._unfinished) as reader:
@@ -352,16 +356,6 @@ def open_stream(path: str, *, unfinished: bool = False) -> StreamReader | Record
     """Open a stream, or a folder of segments."""
     opened = RecordingReader if Path(path).is_dir() else StreamReader
     return opened(path, unfinished=unfinished)
-
-
-def _segments(folder: Path, unfinished: bool) -> list[Path]:
-    suffixes = (STREAM_SUFFIX, STREAM_SUFFIX + PARTIAL_SUFFIX) if unfinished else (STREAM_SUFFIX,)
-    try:
-        entries = list(folder.iterdir())
-    except OSError as err:
-        raise BitstreamError(f"cannot be read ({err.strerror})") from err
-    segments = [path for path in entries if path.name.endswith(suffixes) and not path.name.startswith(".")]
-    return sorted(segments, key=natural_key)
 
 
 @contextmanager

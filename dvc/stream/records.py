@@ -10,7 +10,7 @@ from itertools import accumulate
 from typing import BinaryIO
 
 from dvc.bits import MAX_VARINT_BYTES, decode_varint, encode_varint
-from dvc.config import CodecConfig, decode_config, encode_config
+from dvc.config import CodecConfig, encode_config
 from dvc.errors import BitstreamError
 
 MAGIC = b"DV3D"
@@ -50,8 +50,8 @@ _MAX_PAYLOAD_BYTES = {
     RecordType.GOP: MAX_RECORD_BYTES,
     RecordType.END: 8 * MAX_GOPS,
 }
-_FORM_BYTES = {Form.BUFFERED: 0, Form.PUNCTURED: 1, Form.NO_FEEDBACK: 2}
-_FORMS = {byte: form for form, byte in _FORM_BYTES.items()}
+FORMS = dict(enumerate(Form))
+"""Forms by the first byte of the configuration record."""
 
 
 @dataclass(frozen=True)
@@ -161,15 +161,8 @@ class RecordSource:
 
 
 def encode_configuration(config: CodecConfig, form: Form) -> bytes:
-    """Write the payload of the configuration record; inverse of `decode_configuration`."""
-    return bytes([_FORM_BYTES[form]]) + encode_config(config)
-
-
-def decode_configuration(payload: bytes) -> tuple[CodecConfig, Form]:
-    """Read the payload of the configuration record; inverse of `encode_configuration`."""
-    if not payload or payload[0] not in _FORMS:
-        raise BitstreamError("unknown form; known are buffered, punctured and no-feedback")
-    return decode_config(payload[1:]), _FORMS[payload[0]]
+    """Write the payload of the configuration record."""
+    return bytes([list(Form).index(form)]) + encode_config(config)
 
 
 @dataclass(frozen=True, slots=True)

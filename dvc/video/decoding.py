@@ -176,12 +176,7 @@ def file_extent(path: Path) -> tuple[int, bytes]:
 class DamageCheck:
     """Checks the packets of one video stream; `extent` returns size and first bytes of the source."""
 
-    def __init__(
-        self,
-        extent: Callable[[], tuple[int, bytes]] | None,
-        container: "InputContainer",
-        stream: "VideoStream",
-    ) -> None:
+    def __init__(self, extent: Extent | None, container: "InputContainer", stream: "VideoStream") -> None:
         self._extent = extent
         self._format = container.format.name
         self._declared_packets = stream.frames

@@ -108,12 +108,8 @@ class Frame:
         if self.chroma is not None:
             return self
         shape = chroma_shape(self.height, self.width)
-        return Frame(self.luma, (neutral_plane(shape), neutral_plane(shape)))
-
-
-def neutral_plane(shape: tuple[int, int]) -> Plane:
-    """Return a grey chroma plane."""
-    return np.full(shape, NEUTRAL_CHROMA, np.uint8)
+        cb, cr = np.full((2, *shape), NEUTRAL_CHROMA, np.uint8)
+        return Frame(self.luma, (cb, cr))
 
 
 def check_size(width: int, height: int, what: str) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.video.frames import Frame, Plane, chroma_shape, neutral_plane
+from dvc.video.frames import Frame, Plane, chroma_shape
 
 if TYPE_CHECKING:
     import av
@@ -87,11 +87,8 @@ def picture_from_frame(frame: Frame, pixel_format: str) -> "av.VideoFrame":
     import av
 
     picture = av.VideoFrame(frame.width, frame.height, pixel_format)
-    planes: tuple[Plane, ...] = (frame.luma,)
-    if pixel_format != "gray":
-        shape = chroma_shape(frame.height, frame.width)
-        planes += frame.chroma or (neutral_plane(shape), neutral_plane(shape))
-    for target, plane in zip(picture.planes, planes, strict=True):
+    chroma = () if pixel_format == "gray" else frame.with_chroma().chroma or ()
+    for target, plane in zip(picture.planes, (frame.luma, *chroma), strict=True):
         rows = np.zeros((plane.shape[0], target.line_size), np.uint8)
         rows[:, : plane.shape[1]] = plane
         target.update(rows.tobytes())

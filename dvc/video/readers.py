@@ -36,7 +36,6 @@ from dvc.video.sources import (
     Request,
     SourceClock,
     VideoReader,
-    is_pipe,
 )
 
 if TYPE_CHECKING:
@@ -135,7 +134,7 @@ def open_video(
         raise VideoError(f"{path}: no such file or folder")
     if path.is_dir():
         return _open_folder(request, path)
-    if is_pipe(path):
+    if path.is_fifo() or path.is_socket():
         return _open_pipe(request)
     if name == RAW_FORMAT or (name is None and path.suffix.lower() in RAW_SUFFIXES):
         return _open_pipe(replace(request, input_format=RAW_FORMAT), path.stat().st_size)
@@ -349,24 +348,21 @@ class FrameLookup(Closing):
     def __init__(self, path: str | Path) -> None:
         self._path = path
         self._reader: VideoReader | None = None
-        self._frames: Iterator[Frame] = iter(())
-        self._next = 0
-        self._last: tuple[int, Frame] | None = None
+        self._number = 0
+        self._frame: Frame | None = None  # the last one that was decoded
 
     def __call__(self, number: int) -> Frame:
         """Return a frame by its number from 0."""
-        if self._last is not None and self._last[0] == number:
-            return self._last[1]
-        if self._reader is None or number < self._next:
+        if self._reader is None or number < self._number:
             self.close()
             self._reader = open_video(self._path, start=number)
-            self._frames, self._next = iter(self._reader), number
-        for frame in self._frames:
-            self._next += 1
-            if self._next > number:
-                self._last = number, frame
-                return frame
-        raise VideoError(f"{self._path} has no frame {number}")
+            self._number, self._frame = number - 1, None
+        while self._frame is None or self._number < number:
+            self._frame = next(iter(self._reader), None)
+            self._number += 1
+            if self._frame is None:
+                raise VideoError(f"{self._path} has no frame {number}")
+        return self._frame
 
     def close(self) -> None:
         """Close the video."""

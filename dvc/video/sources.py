@@ -3,7 +3,6 @@
 import io
 import os
 import select
-import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -173,9 +172,3 @@ class PipeFeed:
             raise VideoError(f"{self._pipe.name}: cannot be read ({self._error.strerror})") from self._error
         if self._error is not None:
             raise self._error
-
-
-def is_pipe(path: Path) -> bool:
-    """Return whether a path is a pipe or a socket."""
-    mode = path.stat().st_mode
-    return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode)

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from fractions import Fraction
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Self, cast
 
 import numpy as np
@@ -102,7 +101,7 @@ class VideoWriter(ABC):
             (self._finish if kept else self._discard)()
         with suppress(OSError, VideoError):
             if kept:
-                self._output.keep()
+                self._output.commit(partial=True)
         self._output.discard()
 
     @contextmanager
@@ -120,9 +119,7 @@ class VideoWriter(ABC):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             self.close()
         else:

@@ -162,7 +162,7 @@ def plain_run(payload: bytes, at: int) -> tuple[Run, int]:
         (offset,), at = plain_increasing(payload, at, 1, offset)
         num_planes, at = decode_varint(payload, at)
         planes, at = plain_increasing(payload, at, num_planes, -1)
-        areas, at = decode_bytes(payload, at, len(payload))
+        areas, at = decode_bytes(payload, at)
         parts.append(Part(offset, planes, areas))
     return tuple(parts), at
 

@@ -315,7 +315,7 @@ def test_anchors_are_measured_by_processes(clip: Path, tmp_path: Path) -> None:
 
 def test_anchors_do_not_change_with_the_codec(clip: Path) -> None:
     source = find_source(str(clip), clip.parent, ProcessGroup())
-    versions = (CodeVersion("1", None, "a"), CodeVersion("2", None, "b"))
+    versions = (CodeVersion("1", "a"), CodeVersion("2", "b"))
     anchor, codec = Point(str(clip), "x265", None, "30", 0), Point(str(clip), "2d", 1, "auto", 2)
     assert len({Task(anchor, source, code).identity for code in versions}) == 1
     assert len({Task(codec, source, code).identity for code in versions}) == 2

@@ -105,7 +105,7 @@ def _fail(error: Exception) -> Callable[..., Any]:
         ("sys.executable", "/nowhere/python", "cannot start /nowhere/python: No such file or directory"),
         ("dvc.rd.run_points.measure", _fail(KeyError("totals")), "KeyError: 'totals'"),
         # The code was edited while the point was measured.
-        ("dvc.rd.run_points.code_version", lambda: CodeVersion("1", None, "f" * 32), "the code was changed"),
+        ("dvc.rd.run_points.code_version", lambda: CodeVersion("1", "f" * 32), "the code was changed"),
     ],
 )
 def test_failing_points_have_a_reason_and_no_result(

@@ -22,7 +22,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> str:
     """Return the address of a page of 3 sequences and 5 curves, some with hostile names."""
     folder = write_many(tmp_path_factory.mktemp("browser") / "results")
     path = folder / "report.html"
-    write_page(read_folders([folder]).results, path)
+    write_page(read_folders([folder])[0], path)
     return path.as_uri()
 
 

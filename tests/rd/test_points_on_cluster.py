@@ -102,7 +102,7 @@ def test_a_failing_point_on_a_cluster(clip: Path, workers: LocalCluster, tmp_pat
 def test_workers_with_other_code_are_refused(
     clip: Path, workers: LocalCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    other = CodeVersion("0", None, "f" * 32)
+    other = CodeVersion("0", "f" * 32)
     monkeypatch.setattr("dvc.rd.run_points.code_version", lambda: other)
     with pytest.raises(DvcError, match="has another version of the code"):
         run_points(_points(clip), tmp_path, tmp_path, cluster=workers.scheduler_address)
@@ -120,7 +120,7 @@ def test_an_original_that_is_another_one_is_refused(clip: Path, tmp_path: Path) 
     with pytest.raises(DvcError, match="neither a file nor a sequence"):
         measure_on_worker(Task(gone, Source("nowhere", tmp_path / "nowhere.mkv", "0"), code_version()))
     with pytest.raises(DvcError, match="the worker has another version"):
-        measure_on_worker(Task(point, source, CodeVersion("0", None, "0")))
+        measure_on_worker(Task(point, source, CodeVersion("0", "0")))
 
 
 def test_a_cluster_that_is_not_there(

@@ -52,7 +52,7 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_page_holds_everything_and_names_stay_text(many: Path, tmp_path: Path) -> None:
     """No text of a result becomes an element, no address leads outside, and the size is bounded."""
-    page = page_of(list(read_folders([many]).results), tmp_path / "page.html")
+    page = page_of(read_folders([many])[0], tmp_path / "page.html")
     text = own_text(page)
     assert HOSTILE not in text
     assert "&lt;script&gt;window.stolen=1" in text
@@ -64,7 +64,7 @@ def test_page_holds_everything_and_names_stay_text(many: Path, tmp_path: Path) -
 
 def test_every_curve_can_be_the_anchor(many: Path) -> None:
     """All pairs are compared; the means are over all sequences; a swap of roles swaps the sign."""
-    judged = {verdict.anchor: verdict for verdict in verdicts(experiments(read_folders([many]).results))}
+    judged = {verdict.anchor: verdict for verdict in verdicts(experiments(read_folders([many])[0]))}
     assert len(judged) == 5
     assert all(len(verdict.rows) == 12 for verdict in judged.values())
     intra = judged["H.264 intra"]
@@ -130,7 +130,7 @@ def test_lossless_key_frames_have_no_part_in_the_verdict() -> None:
 
 def test_cost_is_per_frame_and_relative_to_intra(tmp_path: Path) -> None:
     """Encoding times are divided by the frames of their type, and by that of the intra anchor."""
-    codec, intra = cost_table(experiments(read_folders([write_results(tmp_path / "a")]).results)).rows
+    codec, intra = cost_table(experiments(read_folders([write_results(tmp_path / "a")])[0])).rows
     assert codec[2:6] == ("1.00", "1.00", "1.00", "1.00")
     assert intra[1] == "H.264 intra"
     assert intra[3] == "–"
@@ -157,10 +157,10 @@ def test_damaged_and_repeated_results_are_named(tmp_path: Path) -> None:
     for path in (second / POINTS_FOLDER).glob("*.json"):
         data = json.loads(path.read_text(encoding="utf-8")) | {"date": "2026-02-01", "identity": "1" * 32}
         path.write_text(json.dumps(data), encoding="utf-8")
-    collection = read_folders([first, second])
-    assert any("1 damaged file left out: broken.json." in note for note in collection.notes)
-    assert any("newer one" in note for note in collection.notes)
-    assert {result.date for result in collection.results} == {"2026-02-01"}
+    results, notes = read_folders([first, second])
+    assert any("1 damaged file left out: broken.json." in note for note in notes)
+    assert any("newer one" in note for note in notes)
+    assert {result.date for result in results} == {"2026-02-01"}
 
 
 def test_pictures_outside_the_folder_are_not_read(tmp_path: Path) -> None:
@@ -172,13 +172,13 @@ def test_pictures_outside_the_folder_are_not_read(tmp_path: Path) -> None:
     names = {"original": "../secret.png", "decoded": str(outside), "predicted": None, "key": "/etc/passwd"}
     data["pictures"] = {"index": 1, **names}
     path.write_text(json.dumps(data), encoding="utf-8")
-    results = read_folders([folder]).results
+    results = read_folders([folder])[0]
     assert [result.pictures for result in results if result.pictures] == [PictureFiles(index=1)]
     assert build_gallery(experiments(results), 10**6).sources == []
 
 
 def test_pictures_keep_to_their_room(many: Path) -> None:
-    results = read_folders([many]).results
+    results = read_folders([many])[0]
     found = experiments(results)
     full, tight = build_gallery(found, 10**7), build_gallery(found, 20_000)
     assert full.num_points == 40

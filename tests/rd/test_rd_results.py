@@ -19,7 +19,7 @@ from dvc.rd.specification import Point, Task
 from tests.rd.made_up import add_result, result_data, write_results
 
 POINT = Point("clip", "2d", 3, "auto", 2)
-TASK = Task(POINT, Source("clip", Path("clip.mkv"), "abc"), CodeVersion("1.0", None, "def"))
+TASK = Task(POINT, Source("clip", Path("clip.mkv"), "abc"), CodeVersion("1.0", "def"))
 
 
 def _store(folder: Path, data: object) -> Path:
@@ -39,11 +39,11 @@ def test_identity_depends_on_configuration_input_and_code() -> None:
     """Another option, input or code gives another identity; the name of the file does not depend on code."""
     other_point = Task(Point("clip", "2d", 4, "auto", 2), TASK.source, TASK.code)
     other_input = Task(POINT, Source("clip", Path("clip.mkv"), "xyz"), TASK.code)
-    other_code = Task(POINT, TASK.source, CodeVersion("1.0", None, "xyz"))
+    other_code = Task(POINT, TASK.source, CodeVersion("1.0", "xyz"))
     tasks = (TASK, other_point, other_input, other_code)
     assert len({task.identity for task in tasks}) == 4
     assert len({task.name for task in tasks}) == 3
-    assert Task(POINT, TASK.source, CodeVersion("1.0", "a1b2", "def")).identity == TASK.identity
+    assert Task(POINT, TASK.source, CodeVersion("1.0", "def", "a1b2")).identity == TASK.identity
 
 
 def test_results_of_the_same_code_are_not_measured_again(

@@ -210,7 +210,7 @@ def test_names_of_results_are_safe(clip: Path) -> None:
     strange = clip.with_name("a clip: käse?.mkv")
     os.link(clip, strange)
     source = find_source(str(strange), clip.parent, ProcessGroup())
-    name = Task(Point(str(strange), "2d", 1, "auto", 2), source, CodeVersion("1", None, "0")).name
+    name = Task(Point(str(strange), "2d", 1, "auto", 2), source, CodeVersion("1", "0")).name
     assert name.isascii()
     assert not set(name) & set(' /:?*"<>|\\')
 

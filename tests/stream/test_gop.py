@@ -95,7 +95,7 @@ def test_limits_of_a_record() -> None:
         (b"\xff\xff\xff\xff\x7f", "frames"),
         (b"\x05\x00", "announced, but empty"),
         (b"\x05\x05abcd", "5 bytes, at most|5 bytes promised, 4 left"),
-        (b"\x08\xff\xff\xff\xff\x7f", "bytes, at most"),
+        (b"\x08\xff\xff\xff\xff\x7f", "bytes promised, 0 left"),
         (b"\x08\x03ab", "3 bytes promised, 2 left"),
         (b"\x84\x10\x00\x02k", "0 ticks a second"),
         (b"\x84\x10\xc1\x84\x3d\x02k", "1000001 ticks a second"),

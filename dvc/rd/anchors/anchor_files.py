@@ -254,8 +254,8 @@ def measure_file(
     luma_only: bool = False,
     video: Path | None = None,
 ) -> dict[str, Any]:
-    """Decode a file and compare it with its original."""
-    rows = []
+    """Decode a file and compare it with its original; the rate is the size of the file."""
+    rows: list[dict[str, Any]] = []
     with open_video(reference, start=start) as original:
         info = original.info
         output = None if video is None else create_video(video, info.size, info.frame_rate, luma_only=True)
@@ -270,25 +270,15 @@ def measure_file(
                     raise VideoError(f"{path.name}: pictures of {shapes}")
                 originals = (frame.luma, *(() if luma_only else frame.chroma or ()))
                 coded = (picture.frame.luma, *(picture.frame.chroma or ()))
-                psnrs_db = (min(psnr_db(*pair), PSNR_CAP_DB) for pair in zip(originals, coded, strict=False))
+                psnrs = (min(psnr_db(*pair), PSNR_CAP_DB) for pair in zip(originals, coded, strict=False))
                 kind = "intra" if picture.is_intra else "inter"
                 row: dict[str, Any] = {"index": index, "type": kind, "bits": picture.num_bits}
-                rows.append(row | dict(zip(_PSNRS, psnrs_db, strict=False)))
+                rows.append(row | dict(zip(_PSNRS, psnrs, strict=False)))
                 if output is not None:
                     output.write(picture.frame.without_chroma())
             if not rows:
                 raise VideoError(f"{path.name}: no pictures")
-    return {
-        "width": info.width,
-        "height": info.height,
-        "frames_per_s": float(info.frame_rate),
-        "totals": _totals(rows, path.stat().st_size, float(len(rows) / info.frame_rate)),
-        "per_frame": rows,
-    }
-
-
-def _totals(rows: list[dict[str, Any]], num_bytes: int, duration_s: float) -> dict[str, Any]:
-    """Sum up the frames; the rate is the size of the file."""
+    num_bytes, duration_s = path.stat().st_size, float(len(rows) / info.frame_rate)
     bits = {kind: sum(row["bits"] for row in rows if row["type"] == kind) for kind in ("intra", "inter")}
     bits["header"] = 8 * num_bytes - sum(bits.values())
     means_db = {name: mean_psnr_db([row[name] for row in rows]) for name in _PSNRS if name in rows[0]}
@@ -298,7 +288,7 @@ def _totals(rows: list[dict[str, Any]], num_bytes: int, duration_s: float) -> di
         for kind in ("intra", "inter")
         if (psnrs_db := [row["psnr_y_db"] for row in rows if row["type"] == kind])
     }
-    return {
+    totals = {
         "frames": len(rows),
         "duration_s": duration_s,
         "stream_bytes": num_bytes,
@@ -307,4 +297,11 @@ def _totals(rows: list[dict[str, Any]], num_bytes: int, duration_s: float) -> di
         **means_db,
         **in_colour,
         **by_type,
+    }
+    return {
+        "width": info.width,
+        "height": info.height,
+        "frames_per_s": float(info.frame_rate),
+        "totals": totals,
+        "per_frame": rows,
     }
