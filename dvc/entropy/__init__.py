@@ -5,11 +5,16 @@ the coder does. So the syntax of a payload is stated once, by a function that co
 be compiled. Models are apart from the coder: a probability, a bound, or a table of contexts.
 """
 
-from dvc.entropy.binarisation import code_exp_golomb as code_exp_golomb
-from dvc.entropy.mixing import code_adaptive as code_adaptive, context_counts as context_counts
-from dvc.entropy.range_coder import (
-    CoderState as CoderState,
-    RangeCoder as RangeCoder,
-    code_decision as code_decision,
-    code_uniform as code_uniform,
-)
+from dvc.entropy.binarisation import code_exp_golomb
+from dvc.entropy.mixing import code_adaptive, context_counts
+from dvc.entropy.range_coder import CoderState, RangeCoder, code_decision, code_uniform
+
+__all__ = [
+    "CoderState",
+    "RangeCoder",
+    "code_adaptive",
+    "code_decision",
+    "code_exp_golomb",
+    "code_uniform",
+    "context_counts",
+]

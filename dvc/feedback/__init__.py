@@ -3,20 +3,29 @@
 Messages and the two endpoints do no I/O; `dvc.feedback.transport` moves bytes.
 """
 
-from dvc.feedback.endpoints import (
-    DecoderEndpoint as DecoderEndpoint,
-    EncoderEndpoint as EncoderEndpoint,
-    Event as Event,
-    ParityAnswer as ParityAnswer,
-)
-from dvc.feedback.flow_control import MAX_OPEN_GOPS as MAX_OPEN_GOPS, max_open_gops as max_open_gops
-from dvc.feedback.messages import Failure as Failure, Gop as Gop, GopDone as GopDone, Hello as Hello
-from dvc.feedback.protection import (
-    Dialler as Dialler,
-    Listener as Listener,
-    Protection as Protection,
-    listen as listen,
-    parse_address as parse_address,
-    read_token as read_token,
-)
-from dvc.feedback.transport import Connection as Connection, Readable as Readable
+from dvc.feedback.endpoints import DecoderEndpoint, EncoderEndpoint, Event, ParityAnswer
+from dvc.feedback.flow_control import MAX_OPEN_GOPS, max_open_gops
+from dvc.feedback.messages import Failure, Gop, GopDone, Hello
+from dvc.feedback.protection import Dialler, Listener, Protection, listen, parse_address, read_token
+from dvc.feedback.transport import Connection, Readable
+
+__all__ = [
+    "MAX_OPEN_GOPS",
+    "Connection",
+    "DecoderEndpoint",
+    "Dialler",
+    "EncoderEndpoint",
+    "Event",
+    "Failure",
+    "Gop",
+    "GopDone",
+    "Hello",
+    "Listener",
+    "ParityAnswer",
+    "Protection",
+    "Readable",
+    "listen",
+    "max_open_gops",
+    "parse_address",
+    "read_token",
+]

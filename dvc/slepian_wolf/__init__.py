@@ -3,37 +3,54 @@
 from dvc.config import CascadeConfig, CodecConfig, TurboConfig
 from dvc.extensions import PLANE_CODERS, make
 from dvc.slepian_wolf.cascade.cascade_coder import CascadeCoder
-from dvc.slepian_wolf.checks import (
-    CRC_BITS as CRC_BITS,
-    crc as crc,
-    crc_words as crc_words,
-    joint_check as joint_check,
-)
-from dvc.slepian_wolf.coupling import NeighbourCoupling as NeighbourCoupling
-from dvc.slepian_wolf.plane_protocol import (
-    FrameCheck as FrameCheck,
-    PlaneCoder as PlaneCoder,
-    PlaneCost as PlaneCost,
-    PlaneDecoder as PlaneDecoder,
-    PlaneResult as PlaneResult,
-)
+from dvc.slepian_wolf.checks import CRC_BITS, crc, crc_words, joint_check
+from dvc.slepian_wolf.coupling import NeighbourCoupling
+from dvc.slepian_wolf.plane_protocol import FrameCheck, PlaneCoder, PlaneCost, PlaneDecoder, PlaneResult
 from dvc.slepian_wolf.requests import (
-    KINDS as KINDS,
-    MAX_RUN_BITS as MAX_RUN_BITS,
-    Answer as Answer,
-    Kind as Kind,
-    ParityRequest as ParityRequest,
-    Part as Part,
-    Place as Place,
-    RequestTable as RequestTable,
-    Round as Round,
-    Run as Run,
-    ask as ask,
-    beginning as beginning,
-    drive as drive,
-    side_by_side as side_by_side,
+    KINDS,
+    MAX_RUN_BITS,
+    Answer,
+    Kind,
+    ParityRequest,
+    Part,
+    Place,
+    RequestTable,
+    Round,
+    Run,
+    ask,
+    beginning,
+    drive,
+    side_by_side,
 )
 from dvc.slepian_wolf.turbo.turbo_coder import TurboCoder
+
+__all__ = [
+    "CRC_BITS",
+    "KINDS",
+    "MAX_RUN_BITS",
+    "Answer",
+    "FrameCheck",
+    "Kind",
+    "NeighbourCoupling",
+    "ParityRequest",
+    "Part",
+    "Place",
+    "PlaneCoder",
+    "PlaneCost",
+    "PlaneDecoder",
+    "PlaneResult",
+    "RequestTable",
+    "Round",
+    "Run",
+    "ask",
+    "beginning",
+    "crc",
+    "crc_words",
+    "drive",
+    "joint_check",
+    "plane_coder",
+    "side_by_side",
+]
 
 
 def plane_coder(config: CodecConfig) -> PlaneCoder:
