@@ -25,6 +25,7 @@ _TICK_S = Fraction(1, 1000)
 """Smallest distance of two frames that Matroska can resolve."""
 _MICROSECOND_S = Fraction(1, 10**6)
 _H264_OPTIONS = {"crf": "12", "preset": "medium"}
+_MOST_PX_OF_FOUR_SLICES = 1 << 24
 
 
 class VideoWriter(ABC):
@@ -246,9 +247,7 @@ class _FfmpegWriter(VideoWriter):
         self._pixel_format = "gray" if self._luma_only and self._lossless else "yuv420p"
         size, rate, codec, settings = self._size, self._rate, "libx264", _H264_OPTIONS
         if self._lossless:
-            # FFmpeg cannot divide small pictures or odd chroma by four.
-            slices = "4" if min(size) >= 16 and not any(side % 4 for side in size) else "1"
-            codec, settings = "ffv1", {"level": "3", "slicecrc": "1", "g": "1", "slices": slices}
+            codec, settings = "ffv1", {"g": "1"} | _slices(*size)
         # Without "bitexact" the muxers write random identifiers, and two runs would differ.
         options = {"fflags": "+bitexact"} | ({} if self._lossless else {"movflags": "+faststart"})
         options |= {"flush_packets": "1"} if self._kept else {}  # all but the last frame
@@ -299,6 +298,20 @@ class _FfmpegWriter(VideoWriter):
     def _discard(self) -> None:
         with _ffmpeg_errors():
             self._container.close()
+
+
+def _slices(width: int, height: int) -> dict[str, str]:
+    """Return the level of FFV1, and a number of slices that FFmpeg takes for pictures of this size."""
+    checked = {"level": "3", "slicecrc": "1"}
+    if (
+        min(width, height) >= 16
+        and width % 4 == height % 4 == 0
+        and width * height <= _MOST_PX_OF_FOUR_SLICES
+    ):
+        return {**checked, "slices": "4"}
+    if width <= 352 and height <= 288:
+        return {**checked, "slices": "1"}
+    return checked if min(width, height) >= 16 else {"level": "1"}  # FFmpeg chooses; it cannot divide a strip
 
 
 @contextmanager

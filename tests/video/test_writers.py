@@ -39,6 +39,19 @@ def test_lossless_formats_give_back_every_sample(
             assert same_frames(reader, frames)
 
 
+@pytest.mark.parametrize("size", [(426, 240), (480, 270), (854, 480), (4, 999), (353, 3), (641, 17)])
+@every_format
+def test_common_and_odd_sizes_beyond_cif_are_written(
+    tmp_path: Path, moving_frames: MakeFrames, suffix: str, size: tuple[int, int]
+) -> None:
+    """FFV1 in FFmpeg takes only some numbers of slices for pictures wider than 352 or higher than 288."""
+    for grey in (False, True):
+        frames = moving_frames(1, *size, grey=grey)
+        got = list(open_video(write_clip(tmp_path / f"{grey}{suffix}", frames, luma_only=grey)))
+        assert len(got) == 1
+        assert suffix == ".mp4" or same_frames(got, frames)
+
+
 @pytest.mark.parametrize("size", [(48, 32), (33, 25), (1, 1)])
 def test_mp4_is_near_to_the_source(tmp_path: Path, moving_frames: MakeFrames, size: tuple[int, int]) -> None:
     """H.264 keeps count, rate and the picture to within 38 dB; odd sides are padded by repetition."""
