@@ -55,16 +55,20 @@ class DecodingProcess:
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         try:
             with other:
-                self._process = subprocess.Popen(
-                    python_module("decoder.processes", other.fileno()),
-                    env=baseline_environment() | ONE_HEAP,
-                    pass_fds=[other.fileno()],
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
-                )
+                self._process = self._start(other)
         finally:
             os.environ[COMPILATION_NOTICE] = ""  # the first process prints it
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+    def _start(self, connection: "Connection[Any, Any]") -> "subprocess.Popen[bytes]":
+        """Start a program; `benchmarks.hostile` forks a loaded process instead."""
+        return subprocess.Popen(
+            python_module("decoder.processes", connection.fileno()),
+            env=baseline_environment() | ONE_HEAP,
+            pass_fds=[connection.fileno()],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+        )
 
     def submit(self, *messages: GroupTask | Answered) -> None:
         """Start groups, or continue with open ones."""

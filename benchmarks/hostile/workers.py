@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 from unittest.mock import patch
 
 import decoder.processes
@@ -29,8 +29,8 @@ _LOADED = "benchmarks.hostile.loaded"
 class ForkedProcess(decoder.processes.DecodingProcess):
     """A decoding process that is there at once."""
 
-    def _start(self, connection: "Connection[Any, Any]") -> "_Child":
-        return _Child(connection)
+    def _start(self, connection: "Connection[Any, Any]") -> "subprocess.Popen[bytes]":
+        return cast("subprocess.Popen[bytes]", _Child(connection))
 
 
 class _Child:

@@ -178,6 +178,13 @@ def test_memory_is_limited_beyond_what_the_process_holds_itself(monkeypatch: pyt
     assert limits == [(2**31 + most, resource.RLIM_INFINITY)]
 
 
+def test_decoding_processes_are_forked() -> None:
+    """A program that is started for each mutation takes a second, and the time limit of a live run."""
+    process = workers.decoder.processes.DecodingProcess()
+    assert isinstance(process._process, workers._Child)
+    process.stop()
+
+
 def test_a_crash_counts_as_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """A mutation that ends its process is a crash, and a new process continues after it."""
 
